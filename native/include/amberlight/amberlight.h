@@ -1,0 +1,351 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ *
+ * Amberlight: light in homogeneous participating media behind refractive boundaries.
+ *
+ * The only public header. How it is used:
+ *
+ *     amb_scene_create -> amb_scene_add_* / amb_scene_set_* -> amb_scene_commit
+ *     amb_render_start -> amb_render_wait (poll) -> amb_render_read_pass -> amb_render_destroy
+ *     amb_scene_destroy
+ *
+ * Units: metres, radians, watts; radiance W m^-2 sr^-1, radiant intensity W sr^-1, irradiance
+ * W m^-2, coefficients of media 1/m. Colours are scene-linear RGB. A "metre" is one unit of the
+ * scene: nothing depends on its true length. World space is right-handed.
+ *
+ * Memory: arrays and strings passed in are copied during the call; buffers passed out belong to
+ * the caller. Every destroy accepts NULL.
+ *
+ * Threads: a scene is set up by one thread at a time. A committed scene is constant and may be
+ * rendered by several renders at once. amb_render_progress, amb_render_cancel and
+ * amb_render_wait may be called from any thread; no callback ever enters the caller's code.
+ *
+ * Errors: a function that can fail returns an AmbStatus; on failure outputs are zeroed, the
+ * object is unchanged and amb_last_error has the details for the calling thread.
+ *
+ * Versions: every struct begins with struct_size, set by the matching amb_*_init. A smaller size
+ * than the library's comes from an older caller and the missing fields keep their defaults; a
+ * larger one is AMB_INVALID_ARGUMENT.
+ */
+#ifndef AMBERLIGHT_AMBERLIGHT_H
+#define AMBERLIGHT_AMBERLIGHT_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#if defined(__GNUC__)
+#define AMB_API __attribute__((visibility("default")))
+#else
+#define AMB_API
+#endif
+
+/* Bumped when the layout of a struct or the meaning of a function changes. */
+#define AMB_ABI_VERSION 1
+#define AMB_VERSION_STRING "0.1.0"
+
+/* ---- Status ---------------------------------------------------------------------------------- */
+
+/* X(name, value, default message). Values are never reused. */
+#define AMB_STATUS_LIST(X)                                                                         \
+    X(OK, 0, "success")                                                                            \
+    X(INVALID_ARGUMENT, 1, "invalid argument")                                                     \
+    X(INVALID_STATE, 2, "call not allowed in this state")                                          \
+    X(OUT_OF_MEMORY, 3, "out of memory")                                                           \
+    X(UNSUPPORTED, 4, "not supported")                                                             \
+    X(IO, 5, "input or output failed")                                                             \
+    X(CANCELLED, 6, "cancelled")                                                                   \
+    X(INTERNAL, 7, "internal error")
+
+#define AMB_STATUS_ENUM(name, value, message) AMB_##name = (value),
+enum { AMB_STATUS_LIST(AMB_STATUS_ENUM) AMB_STATUS_ENUM_END };
+#undef AMB_STATUS_ENUM
+
+/* A fixed width, not the enum type, so that the ABI does not depend on the compiler. */
+typedef int32_t AmbStatus;
+
+typedef struct AmbErrorInfo {
+    int32_t status;    /* AmbStatus of the last failed call on this thread; 0 if none failed */
+    char function[64]; /* name of the public function, zero-terminated */
+    char message[256]; /* one sentence, with the object's name where there is one */
+} AmbErrorInfo;
+
+/* Copies the calling thread's record of its last failed call. Never allocates. */
+AMB_API void amb_last_error(AmbErrorInfo *out_info);
+
+/* Name ("INVALID_ARGUMENT") of a status, or "UNKNOWN". Static storage. */
+AMB_API const char *amb_status_name(AmbStatus status);
+
+/* ---- Version --------------------------------------------------------------------------------- */
+
+AMB_API uint32_t amb_abi_version(void);       /* AMB_ABI_VERSION of the library */
+AMB_API const char *amb_version_string(void); /* "major.minor.patch", static storage */
+
+/* Identifiers for amb_struct_size, so that a binding can check its mirrored structs. */
+enum {
+    AMB_STRUCT_ERROR_INFO = 0,
+    AMB_STRUCT_PHASE_LOBE = 1,
+    AMB_STRUCT_MATERIAL = 2,
+    AMB_STRUCT_MESH = 3,
+    AMB_STRUCT_OBJECT = 4,
+    AMB_STRUCT_LIGHT = 5,
+    AMB_STRUCT_CAMERA = 6,
+    AMB_STRUCT_RENDER_PARAMS = 7,
+    AMB_STRUCT_PROGRESS = 8,
+    AMB_STRUCT_COUNT = 9
+};
+AMB_API uint64_t amb_struct_size(uint32_t struct_id); /* bytes; 0 for an unknown id */
+
+/* Shoots one ray at one triangle and compares Embree's version at run time with the one compiled
+ * against: a host process may interpose its own copy of Embree. Fails with AMB_INTERNAL and a
+ * message that names both versions. Any thread. */
+AMB_API AmbStatus amb_self_test(void);
+
+/* ---- Scene ----------------------------------------------------------------------------------- */
+
+typedef struct AmbScene AmbScene;
+
+AMB_API AmbStatus amb_scene_create(AmbScene **out_scene);
+AMB_API void amb_scene_destroy(AmbScene *scene); /* after every render of it is destroyed */
+
+/* Henyey-Greenstein lobe: p(cos) = (1-g^2) / (4 pi (1+g^2-2 g cos)^1.5) in 1/sr, cos between the
+ * directions of travel before and after. */
+typedef struct AmbPhaseLobe {
+    float sigma_s[3]; /* scattering coefficient of this lobe, 1/m, >= 0 */
+    float g;          /* mean cosine, in (-1, 1) */
+} AmbPhaseLobe;
+
+#define AMB_PHASE_LOBE_MAX 4
+
+enum {
+    AMB_SURFACE_DIFFUSE = 0,    /* opaque, Lambertian */
+    AMB_SURFACE_DIELECTRIC = 1, /* smooth refractive boundary of a medium (which may be clear) */
+};
+
+/* sigma_t = sigma_a + the sum of the lobes' sigma_s. The medium fills the side that the
+ * triangles' geometric normals point away from. */
+typedef struct AmbMaterial {
+    uint32_t struct_size;
+    uint32_t surface; /* AMB_SURFACE_* */
+    const char *name;
+    float albedo[3];         /* DIFFUSE: reflectance in [0,1] */
+    float emission[3];       /* DIFFUSE: emitted radiance seen by camera paths; lights nothing */
+    float transmit_color[3]; /* DIELECTRIC: factor on each refraction, in [0,1] */
+    float reflect_color[3];  /* DIELECTRIC: factor on each reflection, in [0,1] */
+    float ior;               /* DIELECTRIC: index of the inside, vacuum = 1; > 0 */
+    float sigma_a[3];        /* DIELECTRIC: absorption coefficient, 1/m, >= 0 */
+    uint32_t lobe_count;     /* DIELECTRIC: 0 .. AMB_PHASE_LOBE_MAX */
+    AmbPhaseLobe lobes[AMB_PHASE_LOBE_MAX];
+} AmbMaterial;
+
+/* Defaults: grey diffuse albedo 0.8, ior 1, white tints, no medium. */
+AMB_API void amb_material_init(AmbMaterial *material);
+/* *out_id counts from 0. */
+AMB_API AmbStatus amb_scene_add_material(AmbScene *scene, const AmbMaterial *material,
+                                         uint32_t *out_id);
+
+enum {
+    AMB_NORMALS_NONE = 0,   /* flat */
+    AMB_NORMALS_VERTEX = 1, /* normals: (vertex_count, 3) */
+    AMB_NORMALS_CORNER = 2, /* normals: (triangle_count, 3, 3) */
+};
+
+typedef struct AmbMesh {
+    uint32_t struct_size;
+    uint32_t normal_domain; /* AMB_NORMALS_* */
+    const char *name;
+    const float *positions;    /* (vertex_count, 3), metres, object space, finite */
+    const uint32_t *triangles; /* (triangle_count, 3), indices < vertex_count; counter-clockwise
+                                * seen from outside */
+    const float *normals;      /* unit shading normals, object space; NULL for AMB_NORMALS_NONE;
+                                * a zero or non-finite normal is replaced by the face's own */
+    const uint32_t *slots;     /* (triangle_count), material slot of each triangle; NULL: all 0 */
+    uint64_t vertex_count;
+    uint64_t triangle_count; /* < 2^32 / 3 */
+} AmbMesh;
+
+AMB_API void amb_mesh_init(AmbMesh *mesh);
+AMB_API AmbStatus amb_scene_add_mesh(AmbScene *scene, const AmbMesh *mesh, uint32_t *out_id);
+
+/* One placement of a mesh. A slot beyond material_count uses the last material. */
+typedef struct AmbObject {
+    uint32_t struct_size;
+    uint32_t mesh; /* id from amb_scene_add_mesh */
+    const char *name;
+    float to_world[16];        /* row-major 4x4, affine, invertible */
+    const uint32_t *materials; /* (material_count) ids from amb_scene_add_material */
+    uint32_t material_count;   /* >= 1 */
+    uint32_t reserved;
+} AmbObject;
+
+AMB_API void amb_object_init(AmbObject *object); /* identity transform */
+AMB_API AmbStatus amb_scene_add_object(AmbScene *scene, const AmbObject *object, uint32_t *out_id);
+
+enum {
+    AMB_LIGHT_POINT = 0,
+    AMB_LIGHT_SPOT = 1,
+    AMB_LIGHT_SUN = 2,
+    AMB_LIGHT_AREA = 3,
+};
+
+enum { AMB_AREA_RECTANGLE = 0, AMB_AREA_ELLIPSE = 1 };
+
+/* Lights are not seen by camera paths.
+ *   POINT, SPOT: color = radiant intensity on the axis, W/sr. The emitter is a disc of the given
+ *       radius that faces the receiver (Cycles' convention); radius 0 is a point. A spot's cone
+ *       edge follows x = (cos - cos(size/2)) / ((1 - cos(size/2)) blend), smoothstep(clamp(x)).
+ *   SUN: color = irradiance on a plane perpendicular to it, W/m^2; angle = angular diameter.
+ *   AREA: color = radiance, W m^-2 sr^-1, one-sided, along direction. */
+typedef struct AmbLight {
+    uint32_t struct_size;
+    uint32_t kind; /* AMB_LIGHT_* */
+    const char *name;
+    float color[3];      /* see above, >= 0 */
+    float position[3];   /* metres, world; not SUN */
+    float direction[3];  /* of travel, need not be unit; SPOT, SUN, AREA */
+    float tangent[3];    /* AREA: its x axis, need not be unit */
+    float radius;        /* POINT, SPOT: metres, >= 0 */
+    float angle;         /* SUN: radians, in [0, pi] */
+    float spot_size;     /* SPOT: full angle of the cone, radians, (0, pi] */
+    float spot_blend;    /* SPOT: [0, 1] */
+    float spot_cosine;   /* SPOT: 1 multiplies by the cosine from the axis (Blender 3.4), else 0 */
+    float size[2];       /* AREA: full extents along x and y, metres, > 0 */
+    uint32_t area_shape; /* AMB_AREA_* */
+    uint32_t reserved;
+} AmbLight;
+
+AMB_API void amb_light_init(AmbLight *light, uint32_t kind);
+AMB_API AmbStatus amb_scene_add_light(AmbScene *scene, const AmbLight *light, uint32_t *out_id);
+
+/* Radiance of the surroundings, constant, seen by camera paths and lighting diffuse surfaces. */
+AMB_API AmbStatus amb_scene_set_world(AmbScene *scene, const float radiance[3]);
+
+enum { AMB_CAMERA_PERSPECTIVE = 0, AMB_CAMERA_ORTHOGRAPHIC = 1 };
+
+/* Camera space: x right, y up, looks along -z. window is the image's rectangle (left, right,
+ * bottom, top): at distance 1 for a perspective camera, in metres for an orthographic one. */
+typedef struct AmbCamera {
+    uint32_t struct_size;
+    uint32_t kind;      /* AMB_CAMERA_* */
+    float to_world[16]; /* row-major; rotation and translation, scale is removed */
+    float window[4];
+    float clip_start, clip_end; /* metres along the view axis; 0 < start < end; an orthographic
+                                 * camera may start at a negative distance */
+    float lens_radius;          /* metres; 0 = pinhole */
+    float focus_distance;       /* metres along the view axis; > 0 where lens_radius > 0 */
+} AmbCamera;
+
+AMB_API void amb_camera_init(AmbCamera *camera, uint32_t kind);
+AMB_API AmbStatus amb_scene_set_camera(AmbScene *scene, const AmbCamera *camera);
+
+/* Checks the whole and freezes it: later amb_scene_add_* and _set_* return AMB_INVALID_STATE. A
+ * scene without camera is AMB_INVALID_ARGUMENT; one without objects or lights is allowed. */
+AMB_API AmbStatus amb_scene_commit(AmbScene *scene);
+
+/* ---- Render ---------------------------------------------------------------------------------- */
+
+typedef struct AmbRender AmbRender;
+
+enum {
+    AMB_ESTIMATOR_AUTO = 0,
+    AMB_ESTIMATOR_POINTS_FIXED = 1,
+    AMB_ESTIMATOR_POINTS_COVARIANCE = 2,
+    AMB_ESTIMATOR_TUBES = 3,    /* AMB_UNSUPPORTED in this version */
+    AMB_ESTIMATOR_SPECULAR = 4, /* AMB_UNSUPPORTED in this version */
+};
+
+enum {
+    AMB_EFFECT_SINGLE_SCATTERING = 1 << 0,
+    AMB_EFFECT_DOUBLE_SCATTERING = 1 << 1,   /* AMB_UNSUPPORTED in this version */
+    AMB_EFFECT_MULTIPLE_SCATTERING = 1 << 2, /* AMB_UNSUPPORTED in this version */
+    AMB_EFFECT_SURFACE_REFLECTION = 1 << 3,
+    AMB_EFFECT_BACKGROUND = 1 << 4, /* what is seen through a refractive object */
+};
+
+typedef struct AmbRenderParams {
+    uint32_t struct_size;
+    uint32_t width, height;                           /* of the full image, pixels, >= 1 */
+    uint32_t crop_x, crop_y, crop_width, crop_height; /* rectangle to render; y = 0 is the
+                                                       * bottom row; width 0 = full image */
+    uint32_t samples;                                 /* camera samples per pixel, >= 1 */
+    uint32_t estimator;                               /* AMB_ESTIMATOR_* */
+    uint32_t effects;                                 /* AMB_EFFECT_* bits that may be simulated */
+    uint64_t light_samples;   /* volume samples of the point estimators, >= 1 */
+    float kernel_size;        /* C_k of eq. 8: kernel cross-section in units of the cross-section
+                               * of one refracted sample, i.e. samples that overlap a point; > 0 */
+    uint32_t light_bounces;   /* internal reflections followed on the light side */
+    uint32_t camera_bounces;  /* internal reflections followed on the camera side */
+    uint32_t adjoint_normals; /* 1: Veach's adjoint factor c_adj on light-side crossings */
+    uint32_t seed;
+    uint32_t threads;          /* 0 = one for each processor */
+    uint32_t film_transparent; /* 1: the world seen directly has alpha 0 and no radiance */
+} AmbRenderParams;
+
+AMB_API void amb_render_params_init(AmbRenderParams *params);
+
+/* Starts rendering a committed scene on threads of the library's own and returns at once.
+ * The scene must outlive the render. */
+AMB_API AmbStatus amb_render_start(AmbScene *scene, const AmbRenderParams *params,
+                                   AmbRender **out_render);
+
+enum {
+    AMB_STATE_RUNNING = 0,
+    AMB_STATE_DONE = 1,
+    AMB_STATE_CANCELLED = 2,
+    AMB_STATE_FAILED = 3,
+};
+
+typedef struct AmbProgress {
+    uint32_t struct_size;
+    uint32_t state;        /* AMB_STATE_* */
+    float fraction;        /* of the whole render, [0,1], never falls */
+    float elapsed;         /* seconds since start */
+    uint32_t samples_done; /* camera samples per pixel that every pixel has */
+    uint32_t reserved;
+    char stage[32];  /* "scene", "light", "field", "camera", "done" */
+    char detail[96]; /* one line for a status bar */
+} AmbProgress;
+
+AMB_API void amb_progress_init(AmbProgress *progress);
+AMB_API AmbStatus amb_render_progress(AmbRender *render, AmbProgress *out_progress);
+
+/* Asks the render to stop; returns at once. The render stops within 0.2 s. */
+AMB_API void amb_render_cancel(AmbRender *render);
+
+/* Waits until the render has ended or timeout seconds (< 0: no limit) have passed. *out_ended is
+ * 1 once it has ended; the return value is then the render's own status (AMB_CANCELLED after a
+ * cancel) and its error is put into the calling thread's record. Returns AMB_OK and *out_ended 0
+ * after a timeout. */
+AMB_API AmbStatus amb_render_wait(AmbRender *render, double timeout, int32_t *out_ended);
+
+/* Passes: "Combined" (RGBA, alpha premultiplied), "Depth" (1: distance along the view axis, m;
+ * 1e10 where nothing is seen), "Single Scattering" (RGB), "Surface" (RGB; everything that did not
+ * scatter in a medium), "Frequency" (1: mean frequency factor of the gathered samples, [0,1]).
+ * Combined RGB = Single Scattering + Surface. */
+AMB_API AmbStatus amb_render_pass_channels(AmbRender *render, const char *name,
+                                           uint32_t *out_channels);
+
+/* Copies a pass of the crop rectangle: (crop_height, crop_width, channels) floats, row 0 =
+ * bottom. count = number of floats of the buffer, must be exact. While the render runs, the
+ * values are those of the samples done so far (AMB_INVALID_STATE before the first). */
+AMB_API AmbStatus amb_render_read_pass(AmbRender *render, const char *name, float *out_pixels,
+                                       uint64_t count);
+
+/* Writes the report (JSON, UTF-8, zero-terminated) of an ended render into the buffer if it fits;
+ * *out_size is always the size needed in bytes, including the zero. buffer may be NULL. */
+AMB_API AmbStatus amb_render_report(AmbRender *render, char *buffer, uint64_t size,
+                                    uint64_t *out_size);
+
+/* Writes all passes of an ended render into one multi-layer OpenEXR file (32-bit float, channels
+ * "LAYER.Pass.R"), with the report as attribute "amberlight:report". Written beside the final
+ * name and renamed: there is never half a file under `path`. */
+AMB_API AmbStatus amb_render_write_exr(AmbRender *render, const char *path, const char *layer);
+
+/* Cancels if needed, waits and frees. */
+AMB_API void amb_render_destroy(AmbRender *render);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
