@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Render the open file for `./amberlight render`, which runs this inside Blender.
+
+    blender -b FILE -E AMBERLIGHT --python headless_render.py -- DIR [SETTING=VALUE ...]
+
+Writes DIR/<file>.exr (every pass, by the C library), .png (Blender's colour management) and
+.json (the report). Ends Blender with exit code 1 and one sentence when anything fails.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import bpy
+
+TRUE = {"1", "true", "on", "yes"}
+FALSE = {"0", "false", "off", "no"}
+
+
+class SettingError(ValueError):
+    """A SETTING=VALUE of the command line that cannot be applied."""
+
+
+def setting_names(owner: bpy.types.bpy_struct) -> list[str]:
+    """Names of the properties of `owner` that can be set, without Blender's own `name`."""
+    return sorted(
+        p.identifier
+        for p in owner.bl_rna.properties
+        if not p.is_readonly and p.identifier not in {"rna_type", "name"}
+    )
+
+
+def owner_and_name(scene: bpy.types.Scene, path: str) -> tuple[bpy.types.bpy_struct, str]:
+    """Struct and property that a setting means: `samples` or `scene.render.resolution_x`."""
+    *owners, name = path.split(".")
+    if not owners:
+        return scene.amberlight, name
+    if owners[0] != "scene":
+        raise SettingError(f"{path}: a path begins with 'scene.'")
+    owner: bpy.types.bpy_struct = scene
+    for part in owners[1:]:
+        prop = owner.bl_rna.properties.get(part)
+        if prop is None or prop.type != "POINTER" or getattr(owner, part) is None:
+            raise SettingError(f"{path}: no '{part}' in {owner.bl_rna.identifier}")
+        owner = getattr(owner, part)
+    return owner, name
+
+
+def parse_bool(text: str) -> bool:
+    if text.lower() in TRUE:
+        return True
+    if text.lower() in FALSE:
+        return False
+    raise ValueError("neither true nor false")
+
+
+def parse_enum(prop: bpy.types.EnumProperty, text: str) -> str:
+    names = [item.identifier for item in prop.enum_items]
+    for name in names:
+        if name.lower() == text.lower():
+            return name
+    # Blender lists no items for an enum that is filled on demand: let it judge the name itself.
+    if not names:
+        return text
+    raise ValueError("one of " + ", ".join(names))
+
+
+def parse_value(prop: bpy.types.Property, text: str) -> object:
+    """`text` as a value of the type of `prop`; arrays are separated by commas."""
+    parsers = {
+        "BOOLEAN": parse_bool,
+        "INT": int,
+        "FLOAT": float,
+        "STRING": str,
+        "ENUM": lambda part: parse_enum(prop, part),
+    }
+    parse = parsers.get(prop.type)
+    if parse is None:
+        raise ValueError(f"a {prop.type.lower()} cannot be set from the command line")
+    if getattr(prop, "is_array", False):
+        parts = [parse(part) for part in text.split(",")]
+        if len(parts) != prop.array_length:
+            raise ValueError(f"{prop.array_length} values separated by commas")
+        return parts
+    return parse(text)
+
+
+def check_range(prop: bpy.types.Property, value: object) -> None:
+    """Blender clamps in silence; here a number out of range is an error."""
+    if prop.type not in {"INT", "FLOAT"} or isinstance(value, list):
+        return
+    if not prop.hard_min <= value <= prop.hard_max:
+        raise ValueError(f"between {prop.hard_min:g} and {prop.hard_max:g}")
+
+
+def apply_setting(scene: bpy.types.Scene, setting: str) -> None:
+    path, _, text = setting.partition("=")
+    owner, name = owner_and_name(scene, path)
+    if name not in setting_names(owner):
+        raise SettingError(
+            f"unknown setting '{path}'; there are: " + ", ".join(setting_names(owner))
+        )
+    prop = owner.bl_rna.properties[name]
+    try:
+        value = parse_value(prop, text)
+        check_range(prop, value)
+        setattr(owner, name, value)
+    except (TypeError, ValueError) as error:
+        raise SettingError(f"{path}: '{text}' is not {expected(prop, error)}") from error
+
+
+def expected(prop: bpy.types.Property, error: Exception) -> str:
+    """What the setting wants, in words: Python's own texts for numbers say less."""
+    numbers = {"INT": "a whole number", "FLOAT": "a number"}
+    message = str(error)
+    if prop.type in numbers and not message.startswith("between"):
+        return numbers[prop.type]
+    return message
+
+
+def write_png(scene: bpy.types.Scene, path: Path) -> None:
+    """Point Blender's output at a PNG with the scene's own view transform."""
+    settings = scene.render.image_settings
+    if hasattr(settings, "media_type"):  # Blender 5: the kinds of file depend on it
+        settings.media_type = "IMAGE"
+    settings.file_format = "PNG"
+    settings.color_mode = "RGBA" if scene.render.film_transparent else "RGB"
+    scene.render.use_file_extension = True
+    scene.render.filepath = str(path)
+
+
+def render(scene: bpy.types.Scene, folder: Path, name: str) -> list[Path]:
+    """Render the current frame; return the files that it made."""
+    files = [folder / f"{name}{suffix}" for suffix in (".exr", ".png", ".json")]
+    exr, png, report = files
+    for file in files:  # a failed render must not leave the pictures of an earlier one
+        file.unlink(missing_ok=True)
+    scene.amberlight.exr_path = str(exr)
+    scene.amberlight.report_path = str(report)
+    write_png(scene, png)
+    if "FINISHED" not in bpy.ops.render.render(write_still=True):
+        raise RuntimeError("cancelled")
+    missing = [file.name for file in files if not file.is_file()]
+    if missing:
+        raise RuntimeError("not written: " + ", ".join(missing))
+    return files
+
+
+def main(arguments: list[str]) -> None:
+    folder, *settings = arguments
+    scene = bpy.context.scene
+    if not hasattr(scene, "amberlight"):
+        raise RuntimeError("the add-on 'amberlight' is not enabled")
+    scene.render.engine = "AMBERLIGHT"
+    for setting in settings:
+        apply_setting(scene, setting)
+    directory = Path(folder).resolve()
+    directory.mkdir(parents=True, exist_ok=True)
+    for file in render(scene, directory, Path(bpy.data.filepath).stem):
+        print(f"wrote {file}", flush=True)
+
+
+if __name__ == "__main__":
+    try:
+        main(sys.argv[sys.argv.index("--") + 1 :])
+    except (OSError, RuntimeError, SettingError) as error:
+        print(f"amberlight: {error}".rstrip(), file=sys.stderr, flush=True)
+        sys.exit(1)
