@@ -11,8 +11,8 @@
 #
 # What is tested is the last commit. The first word `prepare` only makes the chroots.
 # Needs root, debootstrap and some 3 GB a release. Chroots are kept between runs.
-#   AMBERLIGHT_CHROOTS   where they live      (default ${XDG_CACHE_HOME:-$HOME/.cache}/amberlight/chroots)
-#   AMBERLIGHT_MIRROR    the Debian mirror    (default: the one that this machine's apt uses)
+#   AMBERLIGHT_CHROOTS   where they live (default: amberlight/chroots in the user's cache folder)
+#   AMBERLIGHT_MIRROR    the Debian mirror (default: the one that this machine's apt uses)
 set -euo pipefail
 
 root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/../.." && pwd)
@@ -37,7 +37,8 @@ say() { printf '\n== %s\n' "$*"; }
 host_mirror() {
     local sources=(/etc/apt/sources.list /etc/apt/sources.list.d/*)
     grep -hs -v '^[[:space:]]*#' "${sources[@]}" |
-        grep -oE '(https?|file)://[^][[:space:]]+/debian/?([[:space:]]|$)' | head -n 1 | tr -d '[:space:]'
+        grep -oE '(https?|file)://[^][[:space:]]+/debian/?([[:space:]]|$)' |
+        head -n 1 | tr -d '[:space:]'
 }
 
 # Proxies and date checks of this machine's apt hold in the chroot too.
