@@ -9,6 +9,7 @@ Writes DIR/<file>.exr (every pass, by the C library), .png (Blender's colour man
 
 from __future__ import annotations
 
+import difflib
 import sys
 from pathlib import Path
 
@@ -55,23 +56,35 @@ def parse_bool(text: str) -> bool:
     raise ValueError("neither true nor false")
 
 
+def parse_int(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError("not a whole number") from None
+
+
+def parse_float(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError("not a number") from None
+
+
 def parse_enum(prop: bpy.types.EnumProperty, text: str) -> str:
-    names = [item.identifier for item in prop.enum_items]
-    for name in names:
-        if name.lower() == text.lower():
-            return name
-    # Blender lists no items for an enum that is filled on demand: let it judge the name itself.
-    if not names:
-        return text
-    raise ValueError("one of " + ", ".join(names))
+    """The item's own spelling; what is not listed may still exist: Blender judges when it is set,
+    because it fills some enums only then."""
+    for item in prop.enum_items:
+        if item.identifier.lower() == text.lower():
+            return item.identifier
+    return text
 
 
 def parse_value(prop: bpy.types.Property, text: str) -> object:
     """`text` as a value of the type of `prop`; arrays are separated by commas."""
     parsers = {
         "BOOLEAN": parse_bool,
-        "INT": int,
-        "FLOAT": float,
+        "INT": parse_int,
+        "FLOAT": parse_float,
         "STRING": str,
         "ENUM": lambda part: parse_enum(prop, part),
     }
@@ -81,7 +94,7 @@ def parse_value(prop: bpy.types.Property, text: str) -> object:
     if getattr(prop, "is_array", False):
         parts = [parse(part) for part in text.split(",")]
         if len(parts) != prop.array_length:
-            raise ValueError(f"{prop.array_length} values separated by commas")
+            raise ValueError(f"not {prop.array_length} values separated by commas")
         return parts
     return parse(text)
 
@@ -91,32 +104,31 @@ def check_range(prop: bpy.types.Property, value: object) -> None:
     if prop.type not in {"INT", "FLOAT"} or isinstance(value, list):
         return
     if not prop.hard_min <= value <= prop.hard_max:
-        raise ValueError(f"between {prop.hard_min:g} and {prop.hard_max:g}")
+        raise ValueError(f"not between {prop.hard_min:.10g} and {prop.hard_max:.10g}")
+
+
+def suggestions(owner: bpy.types.bpy_struct, name: str) -> str:
+    """Our own settings all; of Blender's hundreds, those that look alike."""
+    names = setting_names(owner)
+    if not name or len(names) < 40:
+        return "there are " + ", ".join(names)
+    alike = difflib.get_close_matches(name, names, n=5)
+    return "do you mean " + " or ".join(alike) + "?" if alike else "nothing is named like it"
 
 
 def apply_setting(scene: bpy.types.Scene, setting: str) -> None:
     path, _, text = setting.partition("=")
     owner, name = owner_and_name(scene, path)
     if name not in setting_names(owner):
-        raise SettingError(
-            f"unknown setting '{path}'; there are: " + ", ".join(setting_names(owner))
-        )
+        raise SettingError(f"unknown setting {path}: {suggestions(owner, name)}")
     prop = owner.bl_rna.properties[name]
     try:
         value = parse_value(prop, text)
         check_range(prop, value)
         setattr(owner, name, value)
     except (TypeError, ValueError) as error:
-        raise SettingError(f"{path}: '{text}' is not {expected(prop, error)}") from error
-
-
-def expected(prop: bpy.types.Property, error: Exception) -> str:
-    """What the setting wants, in words: Python's own texts for numbers say less."""
-    numbers = {"INT": "a whole number", "FLOAT": "a number"}
-    message = str(error)
-    if prop.type in numbers and not message.startswith("between"):
-        return numbers[prop.type]
-    return message
+        # Blender's own texts begin with the name of a C function.
+        raise SettingError(f"{setting}: {str(error).rsplit(': ', 1)[-1]}") from error
 
 
 def write_png(scene: bpy.types.Scene, path: Path) -> None:
@@ -133,9 +145,9 @@ def write_png(scene: bpy.types.Scene, path: Path) -> None:
 def render(scene: bpy.types.Scene, folder: Path, name: str) -> list[Path]:
     """Render the current frame; return the files that it made."""
     files = [folder / f"{name}{suffix}" for suffix in (".exr", ".png", ".json")]
-    exr, png, report = files
     for file in files:  # a failed render must not leave the pictures of an earlier one
         file.unlink(missing_ok=True)
+    exr, png, report = (file.resolve() for file in files)
     scene.amberlight.exr_path = str(exr)
     scene.amberlight.report_path = str(report)
     write_png(scene, png)
@@ -155,7 +167,7 @@ def main(arguments: list[str]) -> None:
     scene.render.engine = "AMBERLIGHT"
     for setting in settings:
         apply_setting(scene, setting)
-    directory = Path(folder).resolve()
+    directory = Path(folder)
     directory.mkdir(parents=True, exist_ok=True)
     for file in render(scene, directory, Path(bpy.data.filepath).stem):
         print(f"wrote {file}", flush=True)
@@ -165,5 +177,6 @@ if __name__ == "__main__":
     try:
         main(sys.argv[sys.argv.index("--") + 1 :])
     except (OSError, RuntimeError, SettingError) as error:
-        print(f"amberlight: {error}".rstrip(), file=sys.stderr, flush=True)
+        message = str(error).removeprefix("Error: ").rstrip()
+        print(f"amberlight: {message}", file=sys.stderr, flush=True)
         sys.exit(1)
