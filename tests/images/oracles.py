@@ -30,7 +30,9 @@ def henyey_greenstein(cosine: ArrayLike, g: float) -> Array:
 def refracted_cosine(cosine: ArrayLike, n_from: float, n_to: float) -> Array:
     """Cosine behind the boundary; NaN where the light is totally reflected."""
     c = np.asarray(cosine, dtype=np.float64)
-    squared = 1 - (n_from / n_to) ** 2 * (1 - c * c)
+    square = (n_from / n_to) ** 2
+    # Not 1 - square (1 - c^2), which loses a grazing cosine to rounding at index 1.
+    squared = (1 - square) + square * c * c
     return np.sqrt(np.where(squared >= 0, squared, np.nan))
 
 
