@@ -33,6 +33,9 @@ static const double PIVOT_MIN = 64.0 * DBL_EPSILON;
 
 static const double VALID_TOLERANCE = 1e-9;
 
+/* Cosines arrive as dot products of rounded unit vectors. */
+#define COS_MAX (1.0 + 1e-5)
+
 static double square(double a) {
     return a * a;
 }
@@ -148,17 +151,17 @@ void covariance_rotate(Covariance *sigma, double phi) {
 }
 
 void covariance_project(Covariance *sigma, double cos_theta) {
-    assert(is_finite(sigma) && cos_theta > 0.0 && cos_theta <= 1.0);
+    assert(is_finite(sigma) && cos_theta > 0.0 && cos_theta <= COS_MAX);
     scale(sigma, Y, cos_theta);
 }
 
 void covariance_unproject(Covariance *sigma, double cos_theta) {
-    assert(is_finite(sigma) && cos_theta > 0.0 && cos_theta <= 1.0);
+    assert(is_finite(sigma) && cos_theta > 0.0 && cos_theta <= COS_MAX);
     scale(sigma, Y, 1.0 / cos_theta);
 }
 
 void covariance_curvature(Covariance *sigma, double cos_theta, SurfaceCurvature k) {
-    assert(is_finite(sigma) && cos_theta > 0.0 && cos_theta <= 1.0);
+    assert(is_finite(sigma) && cos_theta > 0.0 && cos_theta <= COS_MAX);
     /* [Belcour13] shears both axes by k alone; ours, derived in docs/covariance.md, has the cosine
      * that a turn of the normal out of the plane of incidence is seen under. */
     shear(sigma, X, U, -cos_theta * k.xx);
@@ -168,7 +171,7 @@ void covariance_curvature(Covariance *sigma, double cos_theta, SurfaceCurvature 
 }
 
 bool covariance_refract(Covariance *sigma, double n1, double n2, double cos_i, SurfaceCurvature k) {
-    assert(is_finite(sigma) && n1 > 0.0 && n2 > 0.0 && cos_i <= 1.0);
+    assert(is_finite(sigma) && n1 > 0.0 && n2 > 0.0 && !(cos_i > COS_MAX));
     const double e = n1 / n2;
     const double cos2_t = 1.0 - square(e) * (1.0 - square(cos_i));
     if (!(cos_i >= COVARIANCE_COS_INCIDENT_MIN) || !(cos2_t > 0.0)) {
@@ -194,7 +197,7 @@ bool covariance_refract(Covariance *sigma, double n1, double n2, double cos_i, S
 }
 
 void covariance_reflect(Covariance *sigma, double cos_i, SurfaceCurvature k) {
-    assert(is_finite(sigma) && cos_i >= COVARIANCE_COS_INCIDENT_MIN && cos_i <= 1.0);
+    assert(is_finite(sigma) && cos_i >= COVARIANCE_COS_INCIDENT_MIN && !(cos_i > COS_MAX));
     /* [Liang19] eq. 5 is the identity for a smooth mirror (B = 0): only curvature acts. */
     shear(sigma, X, U, -2.0 * cos_i * k.xx);
     shear(sigma, X, V, -2.0 * k.xy);
@@ -251,7 +254,7 @@ void covariance_convolve_angle(Covariance *sigma, double var_u, double var_v) {
 }
 
 void covariance_hg_variance(double g, double cos_theta, double *out_in_plane, double *out_across) {
-    assert(g > -1.0 && g < 1.0 && cos_theta >= -1.0 && cos_theta <= 1.0);
+    assert(g > -1.0 && g < 1.0 && fabs(cos_theta) <= COS_MAX);
     const double d = 1.0 + square(g) - 2.0 * g * cos_theta;
     const double across = -3.0 * g * cos_theta / d;
     const double in_plane = across + 15.0 * square(g) * (1.0 - square(cos_theta)) / square(d);
