@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from ctypes import c_float
 
 from .scene_data import RGB, PhaseLobe
 
@@ -95,8 +96,13 @@ def border_rectangle(
 ) -> tuple[int, int, int, int]:
     """Pixels (x, y, width, height), y = 0 at the bottom, of a render border (min_x, max_x, min_y,
     max_y in [0,1]), truncated as Blender truncates it; at least one pixel."""
-    x0, x1 = (min(max(int(b * resolution[0]), 0), resolution[0]) for b in border[:2])
-    y0, y1 = (min(max(int(b * resolution[1]), 0), resolution[1]) for b in border[2:])
+
+    def pixel(fraction: float, size: int) -> int:
+        # The product rounded to float as in Blender: 0.7 of 100 is 70 there, in double 69.99.
+        return min(max(int(c_float(fraction * size).value), 0), size)
+
+    x0, x1 = (pixel(b, resolution[0]) for b in border[:2])
+    y0, y1 = (pixel(b, resolution[1]) for b in border[2:])
     return (x0, y0, max(x1 - x0, 1), max(y1 - y0, 1))
 
 

@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The render engine: lifecycle, passes, and the one place where errors become reports.
+
+Blender crashes if render() raises, or returns with neither a finished result nor an ERROR report.
+So every way out of render() is one of three: a finished result; an ERROR report, with a result
+that was begun ended; after a break, a result ended with cancel.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from . import report as reports
+from .binding import library
+from .binding.errors import AmberlightError
+from .binding.handles import Progress, import_numpy
+from .export.conventions import border_rectangle
+from .export.export_log import ExportLog
+from .export.extract import extract_scene
+from .export.extract_camera import resolution
+from .passes import PASSES
+from .properties import read_settings
+from .render_job import Frame, RenderJob, render_params
+from .viewport import Viewport
+
+log = logging.getLogger("amberlight")
+
+PREVIEW_SAMPLES = 4
+PREVIEW_LIGHT_SAMPLES = 50_000
+# Seconds between pictures of an unfinished render in the user interface.
+DISPLAY_SECONDS = 1.0
+
+
+class AmberlightRenderEngine(bpy.types.RenderEngine):
+    bl_idname = "AMBERLIGHT"
+    bl_label = "Amberlight"
+    bl_use_preview = True
+    bl_use_eevee_viewport = True
+    bl_use_shading_nodes_custom = False
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.viewport: Viewport | None = None
+
+    # ---- Final and preview renders ---------------------------------------------------------------
+
+    def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
+        for item in PASSES:
+            if item.name != "Depth" or renderlayer.use_pass_z:
+                self.register_pass(
+                    scene, renderlayer, item.name, item.channels, item.channel_ids, item.kind
+                )
+
+    def render(self, depsgraph: Any) -> None:
+        try:
+            self._render(depsgraph)
+        except AmberlightError as error:
+            log.debug("render failed", exc_info=True)
+            self.fail(str(error))
+        except Exception as error:
+            log.exception("internal error")
+            self.fail(f"internal error: {type(error).__name__}: {error}")
+
+    def fail(self, message: str) -> None:
+        """Ends with an error: exit code 1 of a background render, and no image."""
+        self.report({"ERROR"}, f"Amberlight: {message}")
+
+    def _render(self, depsgraph: Any) -> None:
+        scene = depsgraph.scene
+        layer = depsgraph.view_layer_eval.name
+        messages = ExportLog()
+        loaded = library.load()
+        import_numpy()
+        if loaded.is_replaced:
+            messages.warn(str(loaded.path), "the library was replaced, restart Blender to use it")
+        started = time.perf_counter()
+        data = extract_scene(depsgraph, messages)
+        exported = time.perf_counter() - started
+
+        settings = read_settings(scene)
+        if self.is_preview:
+            settings = settings.limited(PREVIEW_SAMPLES, PREVIEW_LIGHT_SAMPLES)
+        frame = self.frame(scene)
+        params = render_params(settings, frame, messages)
+        with RenderJob(loaded, data, params) as job:
+            del data  # The library has its own copy.
+            if not job.run(_Poll(self, job, layer, self.is_preview)):
+                self.end_result(self.begin(job), cancel=True)
+                return
+            if self.is_preview:
+                self.show(job)
+                return
+            self.finish(scene, layer, job, messages, exported)
+
+    def finish(
+        self, scene: Any, layer: str, job: RenderJob, messages: ExportLog, exported: float
+    ) -> None:
+        """Result, files, report and remarks of a complete render."""
+        report = job.render.report()
+        report.setdefault("stages", []).insert(
+            0, {"name": "export", "cpu_s": exported, "wall_s": exported}
+        )
+        self.write_files(scene, layer, job)
+        self.show(job)
+        summary = reports.Summary(
+            reports.summary_lines(report), messages.lines() + reports.warning_lines(report)
+        )
+        reports.LAST[scene.name] = summary
+        if bpy.app.background:
+            for line in summary.lines:
+                say(f'view layer "{layer}", {line}')
+        if summary.warnings:
+            self.report({"WARNING"}, f"Amberlight: {reports.joined_warning(summary.warnings)}")
+
+    def frame(self, scene: Any) -> Frame:
+        render = scene.render
+        width, height = resolution(render)
+        crop = None
+        if render.use_border and not self.is_preview:
+            border = (
+                render.border_min_x,
+                render.border_max_x,
+                render.border_min_y,
+                render.border_max_y,
+            )
+            crop = border_rectangle(border, (width, height))
+        threads = render.threads if render.threads_mode == "FIXED" else 0
+        return Frame(width, height, crop, threads, render.film_transparent)
+
+    def begin(self, job: RenderJob) -> Any:
+        # Blender counts from the corner of the border, if there is one.
+        return self.begin_result(0, 0, *job.render.size)
+
+    def show(self, job: RenderJob) -> None:
+        """Hands the pixels of all passes to Blender."""
+        for item in PASSES:
+            if not item.is_builtin:
+                self.add_pass(item.name, item.channels, item.channel_ids)
+        result = self.begin(job)
+        is_shown = False
+        try:
+            width, height = job.render.size
+            if (result.resolution_x, result.resolution_y) != (width, height):
+                raise AmberlightError(
+                    f"Blender expects {result.resolution_x}x{result.resolution_y} pixels, "
+                    f"the library rendered {width}x{height}"
+                )
+            known = {item.name: item for item in PASSES}
+            for target in result.layers[0].passes:
+                item = known.get(target.name)
+                if item and item.channels == target.channels:
+                    write_pixels(target, job.render.read_pass(item.name))
+            is_shown = True
+        finally:
+            self.end_result(result, cancel=not is_shown)
+
+    def write_files(self, scene: Any, layer: str, job: RenderJob) -> None:
+        """The EXR and the JSON report that the settings ask for."""
+        names = [view_layer.name for view_layer in scene.view_layers if view_layer.use]
+        index = names.index(layer) if layer in names else 0
+        settings = scene.amberlight
+
+        def path_of(template: str) -> str:
+            path = bpy.path.abspath(template)
+            path = reports.output_path(path, scene.frame_current, index, layer)
+            os.makedirs(os.path.dirname(os.path.abspath(path)), exist_ok=True)
+            return path
+
+        try:
+            if settings.exr_path:
+                job.render.write_exr(path_of(settings.exr_path), layer)
+            if settings.report_path:
+                Path(path_of(settings.report_path)).write_text(
+                    job.render.report_text(), encoding="utf-8"
+                )
+        except OSError as error:
+            raise AmberlightError(f"the render is complete but not written: {error}") from error
+
+    # ---- Viewport --------------------------------------------------------------------------------
+
+    def __del__(self) -> None:
+        viewport = getattr(self, "viewport", None)
+        if viewport:
+            viewport.close()
+
+    def view_update(self, context: Any, depsgraph: Any) -> None:
+        if self.viewport is None:
+            self.viewport = Viewport()
+        self.guarded(self.viewport.update, self, context, depsgraph)
+
+    def view_draw(self, context: Any, depsgraph: Any) -> None:
+        if self.viewport is None:
+            self.viewport = Viewport()
+        self.guarded(self.viewport.draw, self, context, depsgraph)
+
+    def guarded(self, function: Any, *args: Any) -> None:
+        """A viewport shows its error as a line of text; it never raises."""
+        try:
+            function(*args)
+        except AmberlightError as error:
+            self.update_stats("Amberlight", str(error))
+        except Exception as error:
+            log.exception("internal error")
+            self.update_stats("Amberlight", f"internal error: {error}")
+
+
+class _Poll:
+    """Called on the way through a render: progress and text out, a break in."""
+
+    def __init__(
+        self, engine: AmberlightRenderEngine, job: RenderJob, layer: str, is_preview: bool
+    ) -> None:
+        self.engine = engine
+        self.job = job
+        self.layer = layer
+        self.is_preview = is_preview
+        self.stage = ""
+        self.shown_samples = 0
+        self.shown_at = time.perf_counter()
+
+    def __call__(self, progress: Progress) -> bool:
+        engine = self.engine
+        engine.update_progress(progress.fraction)
+        engine.update_stats("", f"{self.layer} | {progress.stage}: {progress.detail}")
+        if bpy.app.background:
+            if progress.stage != self.stage and not self.is_preview:
+                say(f'view layer "{self.layer}", {progress.stage} {progress.detail}'.rstrip())
+        elif progress.samples_done > self.shown_samples and not self.is_preview:
+            now = time.perf_counter()
+            if now - self.shown_at > DISPLAY_SECONDS and progress.fraction < 1.0:
+                engine.show(self.job)
+                self.shown_samples = progress.samples_done
+                self.shown_at = time.perf_counter()
+        self.stage = progress.stage
+        return not engine.test_break()
+
+
+def write_pixels(target: Any, pixels: Any) -> None:
+    """`pixels`: (height, width, channels) float32 -> the RenderPass, through one buffer copy.
+
+    Blender before 4.1 takes one item for each pixel, and checks no more than their number.
+    """
+    flat = pixels.reshape(-1)
+    if bpy.app.version < (4, 1):
+        flat = pixels.reshape(-1, target.channels)
+    target.rect.foreach_set(flat)
+
+
+def say(line: str) -> None:
+    """A line for those who render without a window, at once: a crash must not swallow it."""
+    print(f"Amberlight: {line}", flush=True)
+
+
+def register() -> None:
+    bpy.utils.register_class(AmberlightRenderEngine)
+
+
+def unregister() -> None:
+    bpy.utils.unregister_class(AmberlightRenderEngine)

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Evaluated depsgraph -> SceneData. Runs on the main thread, inside a render or viewport callback;
+everything is copied, so the result outlives it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from . import conventions as conv
+from .export_log import ExportLog
+from .extract_camera import matrix_rows, read_camera
+from .extract_light import read_light, read_world
+from .extract_material import read_material
+from .extract_mesh import is_changed_by_reading, read_mesh
+from .scene_data import ObjectData, SceneData
+
+CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}
+UNSUPPORTED = {"VOLUME", "POINTCLOUD", "CURVES", "GPENCIL", "GREASEPENCIL"}
+
+
+def extract_scene(depsgraph: Any, log: ExportLog, *, with_camera: bool = True) -> SceneData:
+    """All that is rendered of the depsgraph's view layer."""
+    exporter = _Exporter(depsgraph, log)
+    scene = depsgraph.scene_eval
+    if with_camera:
+        camera = scene.camera
+        exporter.data.camera = read_camera(
+            camera.evaluated_get(depsgraph) if camera else None, scene.render
+        )
+    exporter.objects()
+    exporter.data.world = read_world(scene.world, exporter.version, log)
+    if depsgraph.view_layer_eval.material_override:
+        log.warn(
+            f'view layer "{depsgraph.view_layer_eval.name}"', "the material override is ignored"
+        )
+    return exporter.data
+
+
+class _Exporter:
+    def __init__(self, depsgraph: Any, log: ExportLog) -> None:
+        self.depsgraph = depsgraph
+        self.log = log
+        self.version: conv.Version = tuple(bpy.app.version)
+        self.data = SceneData()
+        # Pointers are only compared while the depsgraph is evaluated, which keeps them alive.
+        self.mesh_ids: dict[tuple[int, bool], int | None] = {}
+        self.material_ids: dict[int, int] = {}
+
+    def objects(self) -> None:
+        # Blender hands over the mesh of a curve, text or surface as an instance of its own, and
+        # that of a metaball or not, depending on version: convert only those without one.
+        convertible: list[tuple[Any, Any]] = []
+        shown: set[int] = set()
+        for instance in self.depsgraph.object_instances:
+            placed = instance.object
+            visible = instance.show_self or instance.is_instance
+            if not visible and placed.type != "LIGHT":
+                continue
+            # The iterator reuses its instance: nothing of it may be kept.
+            matrix = instance.matrix_world.copy()
+            if placed.type == "LIGHT":
+                where = f'light "{placed.name}"'
+                light = read_light(placed.data, matrix, where, self.version, self.log)
+                if light:
+                    self.data.lights.append(light)
+            elif placed.type == "MESH":
+                self.mesh_object(placed, matrix)
+                shown.add(placed.original.as_pointer())
+            elif placed.type in CONVERTIBLE:
+                convertible.append((placed, matrix))
+            elif placed.type in UNSUPPORTED:
+                kind = placed.type.lower().replace("_", " ")
+                self.log.warn(f'object "{placed.name}"', f"objects of type {kind} are left out")
+        for placed, matrix in convertible:
+            if placed.original.as_pointer() not in shown:
+                self.mesh_object(placed, matrix)
+
+    def mesh_object(self, placed: Any, matrix: Any) -> None:
+        where = f'object "{placed.name}"'
+        if not abs(matrix.to_3x3().determinant()) > 0.0:
+            self.log.warn(where, "an object scaled to zero is left out")
+            return
+        self.check_object(placed, where)
+        slots = self.slots(placed)
+        mesh = self.mesh(placed, len(slots) > 1)
+        if mesh is None:
+            return
+        materials = tuple(self.material(slot, where) for slot in slots)
+        self.data.objects.append(ObjectData(placed.name, mesh, matrix_rows(matrix), materials))
+
+    def check_object(self, placed: Any, where: str) -> None:
+        for system in placed.particle_systems:
+            if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
+                self.log.warn(where, f'the hair of "{system.name}" is left out')
+        if placed.is_holdout or placed.is_shadow_catcher:
+            self.log.warn(where, "holdout and shadow catcher are ignored")
+        if not (placed.visible_camera and placed.visible_shadow and placed.visible_transmission):
+            self.log.warn(where, "the ray visibility of objects is ignored")
+
+    @staticmethod
+    def slots(placed: Any) -> list[Any]:
+        """The material of each slot; geometry nodes may give a mesh materials of its own, for
+        which the object has no slot."""
+        slots = [slot.material for slot in placed.material_slots]
+        own = list(getattr(placed.data, "materials", ()))
+        slots += own[len(slots) :]
+        return slots or [None]
+
+    def mesh(self, placed: Any, has_slots: bool) -> int | None:
+        """Index of the object's mesh, shared by all that show the same data; None if empty."""
+        # What is converted depends on the object (modifiers, families of metaballs).
+        source = placed.data if placed.type == "MESH" else placed.original
+        key = (source.as_pointer(), has_slots)
+        if key not in self.mesh_ids:
+            self.mesh_ids[key] = self.read_mesh(placed, has_slots)
+        return self.mesh_ids[key]
+
+    def read_mesh(self, placed: Any, has_slots: bool) -> int | None:
+        name = placed.data.name if placed.data else placed.name
+        # A mesh is read in place; a copy is made only where reading would change it, where the
+        # object is being edited, or where there is no mesh yet.
+        mesh = placed.data
+        copy = placed.type != "MESH" or placed.mode == "EDIT" or is_changed_by_reading(mesh)
+        if copy:
+            mesh = placed.to_mesh()
+        try:
+            data = read_mesh(mesh, name, has_slots) if mesh else None
+        finally:
+            if copy:
+                placed.to_mesh_clear()
+        if data is None:
+            return None
+        self.data.meshes.append(data)
+        return len(self.data.meshes) - 1
+
+    def material(self, material: Any, where: str) -> int:
+        key = material.original.as_pointer() if material else 0
+        if key not in self.material_ids:
+            self.material_ids[key] = len(self.data.materials)
+            self.data.materials.append(read_material(material, where, self.version, self.log))
+        return self.material_ids[key]

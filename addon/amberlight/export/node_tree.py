@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reads shader node trees: follows links through reroutes, muted nodes and groups, and evaluates
+sockets to constants. Works on anything shaped like Blender's nodes; needs no Blender.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from .conventions import luminance
+from .export_log import ExportLog
+from .scene_data import RGB
+
+# The group nodes that were entered, outermost first.
+Path = tuple[Any, ...]
+
+MATH: dict[str, Callable[[float, float], float]] = {
+    "ADD": lambda a, b: a + b,
+    "SUBTRACT": lambda a, b: a - b,
+    "MULTIPLY": lambda a, b: a * b,
+    "DIVIDE": lambda a, b: a / b if b else 0.0,
+    "POWER": lambda a, b: a**b if a > 0.0 else 0.0,
+    "MINIMUM": min,
+    "MAXIMUM": max,
+}
+COMBINE = {"COMBRGB", "COMBXYZ", "COMBINE_COLOR"}
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a socket's value comes from: a node's output, or (node None) a socket's own value."""
+
+    node: Any
+    socket: Any
+    path: Path
+
+
+class TreeReader:
+    """One tree of one owner; `where` names both in warnings."""
+
+    def __init__(self, tree: Any, where: str, log: ExportLog) -> None:
+        self.tree = tree
+        self.where = where
+        self.log = log
+
+    def warn(self, node: Any, message: str) -> None:
+        place = f'{self.where}, node "{node.name}"' if node is not None else self.where
+        self.log.warn(place, message)
+
+    def output(self, kind: str) -> Any:
+        """The active output node for this engine: ALL and CYCLES count, as materials are made for
+        Cycles; None without one. kind: OUTPUT_MATERIAL, OUTPUT_WORLD or OUTPUT_LIGHT."""
+        nodes = [node for node in self.tree.nodes if node.type == kind]
+        for target in ("CYCLES", "ALL"):
+            matching = [node for node in nodes if node.target == target]
+            for node in matching:
+                if node.is_active_output:
+                    return node
+            if matching:
+                return matching[0]
+        return None
+
+    # ---- Links -----------------------------------------------------------------------------------
+
+    def source(self, socket: Any, path: Path = ()) -> Source:
+        """Follows the link into `socket` to a node that makes a value."""
+        # Each step goes to another socket of a finite, acyclic tree; the bound is for broken files.
+        for _ in range(10000):
+            link = next((k for k in socket.links if k.is_valid and not k.is_muted), None)
+            if link is None:
+                return Source(None, socket, path)
+            node, output = link.from_node, link.from_socket
+            if node.mute:
+                inner = next((k for k in node.internal_links if k.to_socket == output), None)
+                if inner is None:
+                    return Source(None, None, path)
+                socket = inner.from_socket
+            elif node.type == "REROUTE":
+                socket = node.inputs[0]
+            elif node.type == "GROUP" and node.node_tree:
+                end = next(
+                    (
+                        n
+                        for n in node.node_tree.nodes
+                        if n.type == "GROUP_OUTPUT" and n.is_active_output
+                    ),
+                    None,
+                )
+                if end is None:
+                    return Source(None, None, path)
+                path = (*path, node)
+                socket = _by_identifier(end.inputs, output.identifier)
+            elif node.type == "GROUP_INPUT" and path:
+                socket = _by_identifier(path[-1].inputs, output.identifier)
+                path = path[:-1]
+            else:
+                return Source(node, output, path)
+        return Source(None, None, path)
+
+    # ---- Values ----------------------------------------------------------------------------------
+
+    def color(self, node: Any, name: str, path: Path = ()) -> RGB:
+        value = self._value(node, name, path)
+        if isinstance(value, float):
+            return (value, value, value)
+        return value
+
+    def number(self, node: Any, name: str, path: Path = ()) -> float:
+        value = self._value(node, name, path)
+        # Cycles turns a colour into a number by its luminance.
+        return value if isinstance(value, float) else luminance(value)
+
+    def is_linked(self, node: Any, name: str) -> bool:
+        socket = node.inputs.get(name)
+        return socket is not None and any(not link.is_muted for link in socket.links)
+
+    def _value(self, node: Any, name: str, path: Path) -> float | RGB:
+        socket = node.inputs[name]
+        value = self._evaluate(self.source(socket, path))
+        if value is None:
+            value = _default(socket) or 0.0
+            self.warn(node, f'input "{name}" is not a constant, its own value is used')
+        return value
+
+    def _evaluate(self, source: Source, depth: int = 0) -> float | RGB | None:
+        """The constant of a source, or None if it is none that we understand."""
+        node, path = source.node, source.path
+        if source.socket is None or depth > 100:
+            return None
+        if node is None:
+            return _default(source.socket)
+        if node.type in {"RGB", "VALUE"}:
+            return _default(node.outputs[0])
+        if node.type == "MATH" and node.operation in MATH:
+            a, b = (self._evaluate(self.source(s, path), depth + 1) for s in node.inputs[:2])
+            if a is None or b is None:
+                return None
+            a, b = (v if isinstance(v, float) else luminance(v) for v in (a, b))
+            value = MATH[node.operation](a, b)
+            return min(max(value, 0.0), 1.0) if node.use_clamp else value
+        if node.type in COMBINE and getattr(node, "mode", "RGB") == "RGB":
+            parts = [self._evaluate(self.source(s, path), depth + 1) for s in node.inputs[:3]]
+            if all(isinstance(part, float) for part in parts):
+                return (parts[0], parts[1], parts[2])  # type: ignore[return-value]
+        return None
+
+
+def _by_identifier(sockets: Any, identifier: str) -> Any:
+    return next(s for s in sockets if s.identifier == identifier)
+
+
+def _default(socket: Any) -> float | RGB | None:
+    value = getattr(socket, "default_value", None)
+    if value is None:
+        return None
+    try:
+        return (float(value[0]), float(value[1]), float(value[2]))
+    except TypeError:
+        return float(value)

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operators: a translucent material to start from."""
+
+from typing import Any
+
+import bpy
+from bpy.props import EnumProperty
+
+from .export.conventions import scaled
+from .export.scene_data import RGB
+
+# name: (label, ior, sigma_s, sigma_a in 1/m, g): starting points to look at, not measurements.
+PRESETS: dict[str, tuple[str, float, RGB, RGB, float]] = {
+    "RESIN": ("Clear resin", 1.5, (0.25, 0.25, 0.25), (0.01, 0.1, 0.25), 0.9),
+    "AMBER": ("Amber", 1.54, (0.3, 0.25, 0.2), (0.05, 0.5, 2.0), 0.7),
+    "JADE": ("Jade", 1.66, (2.0, 2.5, 2.0), (0.6, 0.1, 0.5), 0.5),
+    "WAX": ("Wax", 1.44, (3.0, 2.9, 2.6), (0.02, 0.05, 0.15), 0.6),
+    "OIL": ("Oil", 1.47, (0.05, 0.05, 0.04), (0.01, 0.03, 0.6), 0.9),
+}
+
+
+def add_medium_nodes(tree: Any, sigma_s: RGB, sigma_a: RGB, g: float) -> Any:
+    """Nodes of a medium that every engine reads alike; returns the Add Shader that joins them.
+
+    Scatter: colour sigma_s / m, density m = the largest component, and no absorption by itself.
+    Absorption: colour 1 - sigma_a / k, density k = the largest component.
+    """
+    scatter = tree.nodes.new("ShaderNodeVolumeScatter")
+    density = max(*sigma_s, 1e-9)
+    scatter.inputs["Color"].default_value = (*scaled(sigma_s, 1.0 / density), 1.0)
+    scatter.inputs["Density"].default_value = density
+    scatter.inputs["Anisotropy"].default_value = g
+    absorption = tree.nodes.new("ShaderNodeVolumeAbsorption")
+    density = max(*sigma_a, 1e-9)
+    color = [1.0 - c / density for c in sigma_a]
+    absorption.inputs["Color"].default_value = (*color, 1.0)
+    absorption.inputs["Density"].default_value = density
+    both = tree.nodes.new("ShaderNodeAddShader")
+    tree.links.new(scatter.outputs[0], both.inputs[0])
+    tree.links.new(absorption.outputs[0], both.inputs[1])
+    scatter.location, absorption.location, both.location = (-220, -150), (-220, -330), (0, -200)
+    return both
+
+
+def new_translucent_material(preset: str) -> bpy.types.Material:
+    label, ior, sigma_s, sigma_a, g = PRESETS[preset]
+    material = bpy.data.materials.new(label)
+    if bpy.app.version < (5, 0):
+        material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    glass = tree.nodes.new("ShaderNodeBsdfGlass")
+    glass.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    glass.inputs["Roughness"].default_value = 0.0
+    glass.inputs["IOR"].default_value = ior
+    medium = add_medium_nodes(tree, sigma_s, sigma_a, g)
+    tree.links.new(glass.outputs[0], output.inputs["Surface"])
+    tree.links.new(medium.outputs[0], output.inputs["Volume"])
+    glass.location, output.location = (0, 100), (220, 0)
+    return material
+
+
+class AMBERLIGHT_OT_new_translucent_material(bpy.types.Operator):
+    bl_idname = "amberlight.new_translucent_material"
+    bl_label = "New Translucent Material"
+    bl_description = "Give the active object a glass boundary around a scattering medium"
+    bl_options = {"REGISTER", "UNDO"}
+
+    preset: EnumProperty(
+        name="Medium",
+        description="The medium to start from",
+        items=[(key, value[0], f"IOR {value[1]:g}") for key, value in PRESETS.items()],
+    )
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        active = context.object
+        return active is not None and hasattr(active.data, "materials")
+
+    def execute(self, context: Any) -> set[str]:
+        active = context.object
+        material = new_translucent_material(self.preset)
+        if active.material_slots:
+            active.material_slots[active.active_material_index].material = material
+        else:
+            active.data.materials.append(material)
+        return {"FINISHED"}
+
+
+def register() -> None:
+    bpy.utils.register_class(AMBERLIGHT_OT_new_translucent_material)
+
+
+def unregister() -> None:
+    bpy.utils.unregister_class(AMBERLIGHT_OT_new_translucent_material)

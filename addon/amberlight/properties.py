@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Settings of a scene: scene.amberlight."""
+
+# No postponed annotations here: Blender reads the properties from the annotations themselves.
+from typing import Any
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from .render_job import Settings
+
+enum_estimators = (
+    ("AUTO", "Automatic", "Let the scene decide"),
+    ("POINTS_FIXED", "Points, fixed kernel", "Volume samples, each blurred by the same kernel"),
+    (
+        "POINTS_COVARIANCE",
+        "Points, covariance kernel",
+        "Volume samples, each blurred as the covariance of its light allows: sharp where light is "
+        "focused, smooth elsewhere",
+    ),
+    ("TUBES", "Tubes", "Light tubes behind each triangle (not available in this version)"),
+    ("SPECULAR", "Exact connections", "Solved light paths (not available in this version)"),
+)
+enum_effects = (
+    ("AUTO", "Automatic", "Simulate what the scene shows, and say what was left out and why"),
+    ("MANUAL", "Manual", "Choose the effects"),
+)
+
+DEFAULT = Settings()
+FOLLOW = "internal reflections inside the medium that {} paths follow; 0 = none"
+
+
+class AmberlightSceneSettings(bpy.types.PropertyGroup):
+    estimator: EnumProperty(
+        name="Estimator",
+        description="How light that scattered in a medium is gathered",
+        items=enum_estimators,
+        default=DEFAULT.estimator,
+    )
+    samples: IntProperty(
+        name="Samples",
+        description="Camera samples for each pixel",
+        min=1,
+        soft_max=1024,
+        default=DEFAULT.samples,
+    )
+    accuracy: FloatProperty(
+        name="Accuracy",
+        description="Relative error to stop at; 0 = fixed budget (not available in this version)",
+        min=0.0,
+        max=1.0,
+        default=DEFAULT.accuracy,
+    )
+    light_samples: IntProperty(
+        name="Light Samples",
+        description="Volume samples that the light leaves in the media",
+        min=1,
+        soft_min=1000,
+        soft_max=100_000_000,
+        default=DEFAULT.light_samples,
+    )
+    kernel_size: FloatProperty(
+        name="Kernel Size",
+        description="Samples that overlap a point: more is smoother and less sharp",
+        min=0.01,
+        soft_max=200.0,
+        default=DEFAULT.kernel_size,
+    )
+    tube_refinement: IntProperty(
+        name="Tube Refinement",
+        description="Tubes for each triangle: 0, 1, 2 = one, 4, 16",
+        min=0,
+        max=2,
+        default=DEFAULT.tube_refinement,
+    )
+    effects: EnumProperty(
+        name="Effects",
+        description="Which effects are simulated",
+        items=enum_effects,
+        default=DEFAULT.effects,
+    )
+    use_single_scattering: BoolProperty(
+        name="Single Scattering",
+        description="Light that scattered once in a medium: the volume caustics",
+        default=DEFAULT.use_single_scattering,
+    )
+    use_double_scattering: BoolProperty(
+        name="Double Scattering",
+        description="Light that scattered twice (not available in this version)",
+        default=DEFAULT.use_double_scattering,
+    )
+    use_multiple_scattering: BoolProperty(
+        name="Multiple Scattering",
+        description="Light that scattered more often (not available in this version)",
+        default=DEFAULT.use_multiple_scattering,
+    )
+    use_surface_reflection: BoolProperty(
+        name="Surface Reflection",
+        description="Surroundings reflected by refractive surfaces",
+        default=DEFAULT.use_surface_reflection,
+    )
+    use_background: BoolProperty(
+        name="Background",
+        description="What is seen through refractive objects",
+        default=DEFAULT.use_background,
+    )
+    light_bounces: IntProperty(
+        name="Light Bounces",
+        description="Most " + FOLLOW.format("light"),
+        min=0,
+        soft_max=8,
+        default=DEFAULT.light_bounces,
+    )
+    camera_bounces: IntProperty(
+        name="Camera Bounces",
+        description="Most " + FOLLOW.format("camera"),
+        min=0,
+        soft_max=8,
+        default=DEFAULT.camera_bounces,
+    )
+    adjoint_normals: BoolProperty(
+        name="Adjoint Normals",
+        description="Correct the light's side for shading normals that differ from the geometry",
+        default=DEFAULT.adjoint_normals,
+    )
+    seed: IntProperty(
+        name="Seed",
+        description="Other random numbers; the same seed gives the same image",
+        min=0,
+        default=DEFAULT.seed,
+    )
+    report_path: StringProperty(
+        name="Report",
+        description="JSON file with the report of each render; empty = none",
+        subtype="FILE_PATH",
+    )
+    exr_path: StringProperty(
+        name="Passes",
+        description="OpenEXR file with all passes in 32-bit float, beside Blender's own output; "
+        "empty = none",
+        subtype="FILE_PATH",
+    )
+
+
+def read_settings(scene: bpy.types.Scene) -> Settings:
+    """The settings of a scene as plain values."""
+    group: Any = scene.amberlight
+    return Settings(**{name: getattr(group, name) for name in Settings.__dataclass_fields__})
+
+
+def register() -> None:
+    bpy.utils.register_class(AmberlightSceneSettings)
+    bpy.types.Scene.amberlight = PointerProperty(type=AmberlightSceneSettings)
+
+
+def unregister() -> None:
+    del bpy.types.Scene.amberlight
+    bpy.utils.unregister_class(AmberlightSceneSettings)

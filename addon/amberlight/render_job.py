@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One render of one exported scene: settings to parameters, start, poll, cancel. No Blender."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from .binding import _ffi
+from .binding.errors import AmbCancelled
+from .binding.handles import Progress, Render, Scene
+from .binding.library import Library
+from .export.export_log import ExportLog
+from .export.scene_data import SceneData
+from .export.upload import upload
+
+ESTIMATORS = {
+    "AUTO": _ffi.AMB_ESTIMATOR_AUTO,
+    "POINTS_FIXED": _ffi.AMB_ESTIMATOR_POINTS_FIXED,
+    "POINTS_COVARIANCE": _ffi.AMB_ESTIMATOR_POINTS_COVARIANCE,
+    "TUBES": _ffi.AMB_ESTIMATOR_TUBES,
+    "SPECULAR": _ffi.AMB_ESTIMATOR_SPECULAR,
+}
+
+# setting: (bit, exists in this version)
+EFFECTS = {
+    "use_single_scattering": (_ffi.AMB_EFFECT_SINGLE_SCATTERING, True),
+    "use_double_scattering": (_ffi.AMB_EFFECT_DOUBLE_SCATTERING, False),
+    "use_multiple_scattering": (_ffi.AMB_EFFECT_MULTIPLE_SCATTERING, False),
+    "use_surface_reflection": (_ffi.AMB_EFFECT_SURFACE_REFLECTION, True),
+    "use_background": (_ffi.AMB_EFFECT_BACKGROUND, True),
+}
+MISSING_SETTINGS = {
+    "use_double_scattering": "double scattering",
+    "use_multiple_scattering": "multiple scattering",
+    "accuracy": "accuracy",
+}
+
+# Seconds between looks at a running render: well inside the 0.2 s that a cancel may take.
+POLL_SECONDS = 0.05
+
+
+@dataclass(frozen=True)
+class Settings:
+    """scene.amberlight as plain values; the same names and defaults."""
+
+    estimator: str = "AUTO"
+    samples: int = 16
+    accuracy: float = 0.0
+    light_samples: int = 1_000_000
+    kernel_size: float = 16.0
+    tube_refinement: int = 0
+    effects: str = "AUTO"
+    use_single_scattering: bool = True
+    use_double_scattering: bool = False
+    use_multiple_scattering: bool = False
+    use_surface_reflection: bool = True
+    use_background: bool = True
+    light_bounces: int = 0
+    camera_bounces: int = 0
+    adjoint_normals: bool = True
+    seed: int = 0
+
+    def limited(self, samples: int, light_samples: int) -> Settings:
+        """With at most these budgets: for previews."""
+        return replace(
+            self,
+            samples=min(self.samples, samples),
+            light_samples=min(self.light_samples, light_samples),
+        )
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The image: full size in pixels, rectangle (x, y, width, height) to render, threads."""
+
+    width: int
+    height: int
+    crop: tuple[int, int, int, int] | None = None
+    threads: int = 0
+    film_transparent: bool = False
+
+
+def effect_bits(settings: Settings) -> int:
+    """AUTO allows all that this version knows; the library decides what the scene is worth."""
+    bits = 0
+    for name, (bit, exists) in EFFECTS.items():
+        if exists and (settings.effects == "AUTO" or getattr(settings, name)):
+            bits |= bit
+    return bits
+
+
+def ignored_settings(settings: Settings) -> list[str]:
+    """What is switched on but does not exist yet, in words."""
+    names = ["accuracy"] if settings.accuracy > 0.0 else []
+    if settings.effects == "MANUAL":
+        names += [n for n, (_, exists) in EFFECTS.items() if not exists and getattr(settings, n)]
+    return [MISSING_SETTINGS[name] for name in names]
+
+
+def render_params(settings: Settings, frame: Frame, log: ExportLog) -> dict[str, Any]:
+    """Members of AmbRenderParams."""
+    for name in ignored_settings(settings):
+        log.warn("", f"{name} is not available in this version, ignored")
+    crop = frame.crop or (0, 0, 0, 0)
+    return {
+        "width": frame.width,
+        "height": frame.height,
+        "crop_x": crop[0],
+        "crop_y": crop[1],
+        "crop_width": crop[2],
+        "crop_height": crop[3],
+        "samples": settings.samples,
+        "estimator": ESTIMATORS[settings.estimator],
+        "effects": effect_bits(settings),
+        "light_samples": settings.light_samples,
+        "kernel_size": settings.kernel_size,
+        "light_bounces": settings.light_bounces,
+        "camera_bounces": settings.camera_bounces,
+        "adjoint_normals": int(settings.adjoint_normals),
+        "seed": settings.seed,
+        "threads": frame.threads,
+        "film_transparent": int(frame.film_transparent),
+    }
+
+
+class RenderJob:
+    """A scene in the library and its render; a context manager that frees both."""
+
+    def __init__(self, library: Library, data: SceneData, params: dict[str, Any]) -> None:
+        self.scene = Scene(library)
+        try:
+            upload(data, self.scene)
+            self.scene.commit()
+            self.render = Render(self.scene, **params)
+        except BaseException:
+            self.scene.close()
+            raise
+
+    def __enter__(self) -> RenderJob:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Cancels if needed, then frees."""
+        self.render.close()
+        self.scene.close()
+
+    def run(self, poll: Callable[[Progress], bool]) -> bool:
+        """Until the end, calling `poll` on the way; its False cancels. True if the render is
+        complete, False if it was cancelled; raises the render's error."""
+        ended = False
+        while not ended:
+            try:
+                ended = self.render.wait(POLL_SECONDS)
+            except AmbCancelled:
+                return False
+            if not poll(self.render.progress()) and not ended:
+                self.render.cancel()
+        return True

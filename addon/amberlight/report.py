@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The report of a render as lines for people, and the names of the files that it leaves."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass
+class Summary:
+    """What the panel of the last render shows."""
+
+    lines: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+# Summaries of the last finished renders, by name of the scene: all engines add, the panel reads.
+LAST: dict[str, Summary] = {}
+
+
+def warning_lines(report: dict[str, Any]) -> list[str]:
+    """The library's own warnings."""
+    lines = [
+        f"{item['text']} ({item['count']} times)" if item.get("count", 1) > 1 else item["text"]
+        for item in report.get("warnings", ())
+    ]
+    if report.get("nonfinite"):
+        lines.append(f"{report['nonfinite']} values were not finite and were left out")
+    return lines
+
+
+def summary_lines(report: dict[str, Any]) -> list[str]:
+    """What was simulated, what was not and why, seconds by stage, memory. A key that is missing is
+    left out: an older or newer library may say less or more."""
+    lines = []
+    if "width" in report:
+        lines.append(
+            f"{report['width']}x{report['height']}, {report.get('samples', '?')} samples, "
+            f"estimator {report.get('estimator', '?')}"
+        )
+    for effect in report.get("effects", ()):
+        name = str(effect["name"]).replace("_", " ")
+        done = "simulated" if effect["simulated"] else "skipped"
+        lines.append(f"{name}: {done}" + (f", {effect['reason']}" if effect.get("reason") else ""))
+    for stage in report.get("stages", ()):
+        lines.append(f"{stage['name']}: {stage['wall_s']:.2f} s ({stage['cpu_s']:.2f} CPU s)")
+    memory = report.get("memory", {})
+    parts = [
+        f"{key.removesuffix('_bytes').replace('_', ' ')} {value / 2**20:.1f} MiB"
+        for key, value in memory.items()
+    ]
+    if parts:
+        lines.append("memory: " + ", ".join(parts))
+    light = report.get("light", {})
+    if "rays" in light:
+        lines.append(
+            f"light: {light['rays']} rays, {light.get('volume_samples', 0)} volume samples"
+        )
+    return lines
+
+
+def joined_warning(lines: Iterable[str]) -> str:
+    """All warnings as the one sentence that Blender shows."""
+    lines = list(lines)
+    count = f"{len(lines)} remarks" if len(lines) > 1 else "Remark"
+    return f"{count}: " + "; ".join(lines)
+
+
+def output_path(template: str, frame: int, layer_index: int, layer: str) -> str:
+    """File name for a view layer and frame: '#'s become the frame's number, as in Blender; the
+    first layer keeps the name, later ones get "_layer" before the extension."""
+
+    def number(match: re.Match[str]) -> str:
+        return str(frame).zfill(len(match.group()))
+
+    head, slash, tail = template.rpartition("/")
+    tail = re.sub("#+", number, tail)
+    if layer_index > 0:
+        clean = re.sub(r"[^\w.-]", "_", layer)
+        stem, dot, extension = tail.rpartition(".")
+        tail = f"{stem}_{clean}{dot}{extension}" if dot else f"{tail}_{clean}"
+    return head + slash + tail
