@@ -321,8 +321,7 @@ static Correlation correlation(const Covariance *sigma) {
         for (int j = 0; j < DIMENSIONS; ++j) {
             const double a = out.root[i];
             const double b = out.root[j];
-            const bool decoupled = a == 0.0 || b == 0.0 || isinf(a) || isinf(b);
-            out.r[i][j] = decoupled ? 0.0 : get(sigma, i, j) / a / b;
+            out.r[i][j] = a == 0.0 || b == 0.0 ? 0.0 : get(sigma, i, j) / a / b;
         }
         out.r[i][i] = out.root[i] > 0.0 ? 1.0 : 0.0;
     }
@@ -395,9 +394,6 @@ SpatialCovariance covariance_spatial(const Covariance *sigma) {
 double spatial_covariance_sqrt_det(SpatialCovariance s) {
     if (!(s.xx > 0.0 && s.yy > 0.0)) {
         return 0.0;
-    }
-    if (isinf(s.xx) || isinf(s.yy)) {
-        return (double)INFINITY;
     }
     const double root_x = sqrt(s.xx);
     const double root_y = sqrt(s.yy);

@@ -7,7 +7,8 @@
  *
  * The light around a central ray is a function f(x, y, u, v): offsets x, y in metres in the plane
  * normal to the ray, and slopes u, v (small angles, radians) of the direction d + u ex + v ey.
- * The frame (ex, ey, d) is right-handed, ey = d x ex, except after a mirror (covariance_reflect).
+ * The frame (ex, ey, d) is orthonormal; right-handed, ey = d x ex, until a mirror turns it over
+ * (covariance_reflect). No operator asks for its handedness.
  * Sigma is the matrix of second moments of the spectrum |F f|, frequencies Omega in exp(-2 pi i
  * Omega.q): cycles per metre and per radian. A Gaussian f of covariance C has
  *
@@ -20,10 +21,11 @@
  * Range. The maps (travel, rotate, project, unproject, curvature, refract, reflect) need finite
  * entries. Everything else also accepts +infinity on the diagonal, with finite numbers beside it:
  * an ideal point (x, y) or an ideal direction (u, v). Zero is always allowed: a uniform field.
- * A matrix holds its smallest feature to DBL_EPSILON times its condition number, where the
- * condition is taken after scaling the diagonal to one; the constructors limit that to 1e8, so
- * that the spatial spectrum S below keeps 7 digits. The renderer carries the square-root form
- * (tangent pairs), which has no such limit; this module audits it.
+ * A matrix holds its smallest feature to DBL_EPSILON times its condition number (of Sigma scaled to
+ * a unit diagonal). That reaches 1e8 once a source below has travelled `distance`, where the
+ * spatial spectrum S keeps 7 digits; a surface of curvature K costs a factor (K distance)^2 more.
+ * The renderer carries the square-root form (tangent pairs), which has no such limit; this module
+ * audits it.
  *
  * All functions are pure but for their first argument; any thread.
  */
@@ -135,7 +137,7 @@ void covariance_unproject(Covariance *sigma, double cos_theta);
 void covariance_curvature(Covariance *sigma, double cos_theta, SurfaceCurvature k);
 
 /* Refracts from index n1 to n2 at a curved surface, ex normal to the plane of incidence; the new
- * frame keeps ex. With e = n1/n2, G = n2 c_t - n1 c_i:
+ * frame keeps ex and the sense of ey. With e = n1/n2, G = n2 c_t - n1 c_i:
  *   x' = x              u' = e u           - (G/n2)     (Kxx x + Kxy y/c_i)
  *   y' = (c_t/c_i) y    v' = e (c_i/c_t) v - (G/n2 c_t) (Kxy x + Kyy y/c_i)     det M = e^2
  * n1, n2 > 0; cos_i in (0, 1]. Returns false and leaves sigma alone at total internal reflection
@@ -145,9 +147,9 @@ bool covariance_refract(Covariance *sigma, double n1, double n2, double cos_i, S
 /* Reflects at a smooth curved mirror, total internal reflection included.
  *   x' = x,  u' = u + 2 c Kxx x + 2 Kxy y
  *   y' = y,  v' = v + 2 Kxy x + (2/c) Kyy y
- * cos_i in [COVARIANCE_COS_INCIDENT_MIN, 1]. The new ey = ex x d: the frame is mirrored (left-
- * handed), so that y keeps its sign on the surface. A right-handed frame follows by negating y
- * and v; a second mirror undoes it. */
+ * cos_i in [COVARIANCE_COS_INCIDENT_MIN, 1]. ex stays, and the new ey has the projection onto the
+ * surface that the old one had: a right-handed frame becomes left-handed, and a second mirror turns
+ * it back. To have a right-handed one at once, negate y and v. */
 void covariance_reflect(Covariance *sigma, double cos_i, SurfaceCurvature k);
 
 /* ---- Effects that blur or cut ---------------------------------------------------------------- */
