@@ -1172,6 +1172,17 @@ static void covariance_determinant_is_blind_to_focusing(void) {
     ENSURE_NEAR(b * b, 2.7778, 1e-4);
     ENSURE_NEAR(ratio / (b * b), 1.0, 1e-5);
 
+    /* The table of docs/covariance.md: the factor follows q = a_0/a. */
+    sigma = covariance_point(1e-4, l);
+    covariance_travel(&sigma, l);
+    ENSURE(covariance_refract(&sigma, 1.0, n, 1.0, (SurfaceCurvature){1.0, 0.0, 1.0}));
+    for (int i = 0; i < 5; ++i) {
+        const double spread = l / sphere_b(l, 1.0, n, 0.5 * i), q = spread * spread;
+        ENSURE_NEAR(covariance_log_det(&sigma).log_finite, 64.1034419, 1e-6);
+        ENSURE_NEAR(covariance_frequency_factor(&sigma, 1e-4 * l * l), q / (1.0 + q), 1e-6);
+        covariance_travel(&sigma, 0.5);
+    }
+
     /* Any lossless path: random frames, curved refractions, mirrors, distances. Short ones: the
      * condition number grows with every event, and the digits left in the last pivot shrink. */
     uint64_t state = 18;
