@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Light that scatters once inside a segment of a ray: the one interface of all estimators. */
+#ifndef AMB_FIELD_FIELD_H
+#define AMB_FIELD_FIELD_H
+
+#include "light/light_trace.h"
+
+typedef struct Field Field;
+
+typedef struct FieldParams {
+    uint32_t estimator;     /* AMB_ESTIMATOR_POINTS_FIXED or _POINTS_COVARIANCE */
+    uint64_t sample_target; /* volume samples to place, about */
+    float kernel_size;      /* C_k of [Liang19] eq. 8 */
+} FieldParams;
+
+/* A straight stretch of a camera path inside one medium. */
+typedef struct FieldSegment {
+    Vec3 o, d;       /* d unit, direction of travel away from the camera */
+    float length;    /* m, finite */
+    uint32_t object; /* whose medium */
+} FieldSegment;
+
+typedef struct FieldRadiance {
+    Rgb radiance;       /* W m^-2 sr^-1, at the segment's start, inside the medium (no n^2) */
+    float frequency;    /* sum of contribution * frequency factor of its sample */
+    float contribution; /* sum of contributions (mean of channels): the weight of frequency */
+} FieldRadiance;
+
+/* Builds the field of an estimator from the light pass. The scene must outlive it. */
+AmbStatus field_create(const AmbScene *scene, const LightField *light, const FieldParams *params,
+                       Job *job, Field **out_field);
+void field_destroy(Field *field);
+
+/* Radiance that light scattered once inside the segment sends to its start,
+ *   L = int_0^length exp(-sigma_t t) Q(o + t d, -d) dt.
+ * Any thread; the field is const. */
+FieldRadiance field_gather(const Field *field, const FieldSegment *segment);
+
+uint64_t field_bytes(const Field *field);
+uint64_t field_sample_count(const Field *field);
+
+#endif

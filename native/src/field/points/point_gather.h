@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * The inner loop of the point estimators, compiled once for each instruction set. */
+#ifndef AMB_FIELD_POINTS_POINT_GATHER_H
+#define AMB_FIELD_POINTS_POINT_GATHER_H
+
+#include "field/field.h"
+#include "field/points/point_tree.h"
+
+typedef FieldRadiance (*PointGather)(const PointTree *tree, const Medium *medium, Vec3 o, Vec3 d,
+                                     float length);
+
+/* Sum over all samples whose cylinder the segment o + t d, 0 <= t < length, passes through. All
+ * variants give the same bits: no fused multiply-add, the same order of sums. */
+FieldRadiance point_gather_portable(const PointTree *tree, const Medium *medium, Vec3 o, Vec3 d,
+                                    float length);
+FieldRadiance point_gather_avx2(const PointTree *tree, const Medium *medium, Vec3 o, Vec3 d,
+                                float length);
+
+/* The best variant for this processor. */
+PointGather point_gather_select(void);
+
+#endif

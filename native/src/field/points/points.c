@@ -1,0 +1,100 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Placing volume samples along light rays. */
+#include "field/points/points.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+#include "field/points/point_gather.h"
+#include "optics/kernel.h"
+
+/* A kernel reaches past the end of its ray by radius * slope, where the boundary cuts the ray at
+ * an angle, so that rays side by side cover the medium up to the boundary (camera segments end
+ * there and never see the excess). Bounded, because at grazing angles it would grow without end. */
+static const float SLOPE_MAX = 4.0f;
+/* A tube that light opens at grazing incidence may be long and thin: a round kernel of its whole
+ * cross-section would blur across it. */
+static const float AREA_MAX = 4.0f; /* in units of the flux-weighted mean */
+
+/* Mean cross-section of the object's rays at entry, weighted by flux, m^2. */
+static double mean_entry_area(const LightBeams *beams) {
+    double area = 0.0, weight = 0.0;
+    for (uint64_t i = 0; i < beams->count; ++i) {
+        const double flux = (double)rgb_mean(beams->beams[i].flux);
+        area += flux * (double)beams->beams[i].entry_area;
+        weight += flux;
+    }
+    return weight > 0.0 ? area / weight : 0.0;
+}
+
+static uint64_t samples_of(const LightBeam *beam, float spacing) {
+    const float count = roundf(beam->length / spacing);
+    return count > 1.0f ? (uint64_t)count : 1;
+}
+
+/* The stretch of a beam that is its sample k of count. */
+static PointSample place_sample(const LightBeam *beam, const Medium *medium,
+                                const PointParams *params, double mean_area, uint64_t k,
+                                uint64_t count) {
+    const float step = beam->length / (float)count;
+    const float s = (float)k * step;
+    const float frequency =
+        kernel_frequency(beam->entry_area, tangent_cross_section(&beam->spread, s + 0.5f * step));
+    float area = params->kernel_size * (float)mean_area;
+    if (params->follows_covariance) {
+        const float entry_area = fminf(beam->entry_area, AREA_MAX * (float)mean_area);
+        area = entry_area * kernel_multiplier(params->kernel_size, frequency);
+    }
+    PointSample sample = {.origin = vec3_madd(beam->origin, s, beam->direction),
+                          .direction = beam->direction,
+                          .low = 0.0f,
+                          .high = step,
+                          .radius = kernel_radius(area),
+                          .flux = rgb_mul(beam->flux, medium_transmittance(medium, s)),
+                          .frequency = frequency};
+    if (k == 0)
+        sample.low -= sample.radius * fminf(beam->start_slope, SLOPE_MAX);
+    if (k == count - 1)
+        sample.high += sample.radius * fminf(beam->end_slope, SLOPE_MAX);
+    return sample;
+}
+
+AmbStatus points_build(const LightBeams *beams, const Medium *medium, const PointParams *params,
+                       Job *job, PointCloud *out_cloud) {
+    memset(out_cloud, 0, sizeof *out_cloud);
+    uint64_t count = 0;
+    for (uint64_t i = 0; i < beams->count; ++i)
+        count += samples_of(&beams->beams[i], params->spacing);
+    PointSample *samples = memory_alloc_array(count, sizeof *samples);
+    if (samples == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for %llu volume samples",
+                           (unsigned long long)count);
+    const double mean_area = mean_entry_area(beams);
+    uint64_t next = 0;
+    for (uint64_t i = 0; i < beams->count; ++i) {
+        const uint64_t along = samples_of(&beams->beams[i], params->spacing);
+        for (uint64_t k = 0; k < along; ++k)
+            samples[next++] = place_sample(&beams->beams[i], medium, params, mean_area, k, along);
+    }
+    const AmbStatus status = point_tree_build(samples, count, job, &out_cloud->tree);
+    memory_free(samples);
+    if (status == AMB_OK) {
+        out_cloud->sample_count = count;
+        out_cloud->medium = *medium;
+    }
+    return status;
+}
+
+void points_clear(PointCloud *cloud) {
+    point_tree_clear(&cloud->tree);
+    memset(cloud, 0, sizeof *cloud);
+}
+
+uint64_t points_bytes(const PointCloud *cloud) {
+    return cloud->tree.node_count * sizeof(PointNode) +
+           cloud->tree.block_count * sizeof(PointBlock);
+}
+
+FieldRadiance points_gather(const PointCloud *cloud, Vec3 o, Vec3 d, float length) {
+    return point_gather_select()(&cloud->tree, &cloud->medium, o, d, length);
+}

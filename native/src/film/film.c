@@ -1,0 +1,123 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * The image while it grows. */
+#include "film/film.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+
+enum { PASS_COMBINED, PASS_DEPTH, PASS_SINGLE, PASS_SURFACE, PASS_FREQUENCY };
+
+const FilmPass FILM_PASSES[FILM_PASS_COUNT] = {
+    [PASS_COMBINED] = {"Combined", 4, {"R", "G", "B", "A"}},
+    [PASS_DEPTH] = {"Depth", 1, {"Z"}},
+    [PASS_SINGLE] = {"Single Scattering", 3, {"R", "G", "B"}},
+    [PASS_SURFACE] = {"Surface", 3, {"R", "G", "B"}},
+    [PASS_FREQUENCY] = {"Frequency", 1, {"X"}},
+};
+
+AmbStatus film_create(uint32_t width, uint32_t height, Film *out_film) {
+    memset(out_film, 0, sizeof *out_film);
+    out_film->pixels = memory_zero_array((uint64_t)width * height, sizeof(FilmPixel));
+    if (out_film->pixels == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for an image of %u x %u pixels", width,
+                           height);
+    out_film->width = width;
+    out_film->height = height;
+    for (int i = 0; i < FILM_LOCK_COUNT; ++i)
+        pthread_mutex_init(&out_film->locks[i], NULL);
+    atomic_init(&out_film->nonfinite_single, 0);
+    atomic_init(&out_film->nonfinite_surface, 0);
+    return AMB_OK;
+}
+
+void film_clear(Film *film) {
+    if (film->pixels == NULL)
+        return;
+    for (int i = 0; i < FILM_LOCK_COUNT; ++i)
+        pthread_mutex_destroy(&film->locks[i]);
+    memory_free(film->pixels);
+    film->pixels = NULL;
+}
+
+void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum) {
+    FilmPixel add = *sum;
+    if (!rgb_is_finite(add.single) || !isfinite(add.frequency) || !isfinite(add.contribution)) {
+        atomic_fetch_add(&film->nonfinite_single, 1);
+        add.single = rgb(0, 0, 0);
+        add.frequency = add.contribution = 0.0f;
+    }
+    if (!rgb_is_finite(add.surface)) {
+        atomic_fetch_add(&film->nonfinite_surface, 1);
+        add.surface = rgb(0, 0, 0);
+    }
+    const uint64_t index = (uint64_t)y * film->width + x;
+    FilmPixel *pixel = &film->pixels[index];
+    pthread_mutex_t *lock = &film->locks[index % FILM_LOCK_COUNT];
+    pthread_mutex_lock(lock);
+    pixel->single = rgb_add(pixel->single, add.single);
+    pixel->surface = rgb_add(pixel->surface, add.surface);
+    pixel->alpha += add.alpha;
+    pixel->frequency += add.frequency;
+    pixel->contribution += add.contribution;
+    if (pixel->count == 0)
+        pixel->depth = add.depth;
+    pixel->count += add.count;
+    pthread_mutex_unlock(lock);
+}
+
+uint32_t film_pass_find(const char *name) {
+    for (uint32_t i = 0; i < FILM_PASS_COUNT; ++i)
+        if (strcmp(FILM_PASSES[i].name, name) == 0)
+            return i;
+    return UINT32_MAX;
+}
+
+uint32_t film_pass_channels(const char *name) {
+    const uint32_t pass = film_pass_find(name);
+    return pass != UINT32_MAX ? FILM_PASSES[pass].channels : 0;
+}
+
+static void put_rgb(float *out, Rgb value) {
+    out[0] = value.r;
+    out[1] = value.g;
+    out[2] = value.b;
+}
+
+static void read_pixel(const FilmPixel *pixel, uint32_t pass, float *out) {
+    const float scale = pixel->count > 0 ? 1.0f / (float)pixel->count : 0.0f;
+    switch (pass) {
+    case PASS_COMBINED:
+        put_rgb(out, rgb_scale(rgb_add(pixel->single, pixel->surface), scale));
+        out[3] = pixel->alpha * scale;
+        break;
+    case PASS_DEPTH:
+        out[0] = pixel->depth;
+        break;
+    case PASS_SINGLE:
+        put_rgb(out, rgb_scale(pixel->single, scale));
+        break;
+    case PASS_SURFACE:
+        put_rgb(out, rgb_scale(pixel->surface, scale));
+        break;
+    default:
+        out[0] = pixel->contribution > 0.0f ? pixel->frequency / pixel->contribution : 0.0f;
+        break;
+    }
+}
+
+void film_read_row(Film *film, uint32_t pass, uint32_t y, float *out_row) {
+    const uint32_t channels = FILM_PASSES[pass].channels;
+    for (uint32_t x = 0; x < film->width; ++x) {
+        const uint64_t index = (uint64_t)y * film->width + x;
+        pthread_mutex_t *lock = &film->locks[index % FILM_LOCK_COUNT];
+        pthread_mutex_lock(lock);
+        const FilmPixel pixel = film->pixels[index];
+        pthread_mutex_unlock(lock);
+        read_pixel(&pixel, pass, out_row + (uint64_t)x * channels);
+    }
+}
+
+uint64_t film_bytes(const Film *film) {
+    return (uint64_t)film->width * film->height * sizeof(FilmPixel);
+}

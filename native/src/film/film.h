@@ -1,0 +1,61 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * The image while it grows: sums of samples for each pixel, and passes made from them. */
+#ifndef AMB_FILM_FILM_H
+#define AMB_FILM_FILM_H
+
+#include <pthread.h>
+#include <stdatomic.h>
+
+#include "base/status.h"
+#include "math/vec3.h"
+
+enum { FILM_LOCK_COUNT = 64 };
+
+/* What samples add to one pixel. Sums over samples, but for depth: of the first sample. */
+typedef struct FilmPixel {
+    Rgb single, surface;
+    float alpha;
+    float frequency, contribution;
+    float depth;
+    uint32_t count; /* samples */
+} FilmPixel;
+
+typedef struct Film {
+    uint32_t width, height;                 /* of the rendered rectangle, pixels */
+    FilmPixel *pixels;                      /* row 0 = bottom */
+    pthread_mutex_t locks[FILM_LOCK_COUNT]; /* a reader may look while samples arrive */
+    atomic_uint_least64_t nonfinite_single, nonfinite_surface; /* samples refused, by birthplace */
+} Film;
+
+AmbStatus film_create(uint32_t width, uint32_t height, Film *out_film);
+void film_clear(Film *film);
+
+/* Adds the sum of some samples of a pixel. Values that are not finite are counted by where they
+ * were born and left out: above zero the counts are a defect. */
+void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum);
+
+/* Channels of a pass, 0 if there is none of that name. */
+uint32_t film_pass_channels(const char *name);
+
+/* Row y of a pass: (width, channels) floats, mean over the samples so far; y = 0 is the bottom. */
+void film_read_row(Film *film, uint32_t pass, uint32_t y, float *out_row);
+
+/* Pass number of a name, or UINT32_MAX. */
+uint32_t film_pass_find(const char *name);
+
+enum { FILM_PASS_COUNT = 5 };
+typedef struct FilmPass {
+    const char *name;
+    uint32_t channels;
+    const char *channel_names[4]; /* in a file */
+} FilmPass;
+extern const FilmPass FILM_PASSES[FILM_PASS_COUNT];
+
+uint64_t film_bytes(const Film *film);
+
+/* Writes all passes as one scan-line OpenEXR file with 32-bit float channels
+ * "layer.Pass.channel" and a string attribute. Written beside path and renamed. */
+AmbStatus film_write_exr(Film *film, const char *path, const char *layer,
+                         const char *attribute_name, const char *attribute_text);
+
+#endif

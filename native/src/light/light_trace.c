@@ -1,0 +1,374 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * The light pass. */
+#include "light/light_trace.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+#include "base/rng.h"
+
+enum {
+    GRAIN = 1024,    /* rays of one unit of work */
+    EVENT_MAX = 128, /* boundaries along one ray, a guard against endless reflection */
+    ORDER_MAX = 64   /* branches of one ray that wait for their turn */
+};
+
+/* Beams end where exp(-OPTICAL_DEPTH_MAX) = 1e-8 of the flux is left in the clearest channel. */
+static const float OPTICAL_DEPTH_MAX = 18.4f;
+/* Below this cosine of incidence a ray is dropped: it carries less than 1e-7 of the flux of its
+ * surroundings (flux per area and transmittance both vanish with the cosine) and its footprint
+ * has no useful direction. */
+static const float GRAZING_COS = 1e-4f;
+
+/* Rays of one light towards one object. */
+typedef struct Batch {
+    LightEmission emission;
+    MediumStack start; /* media around the light */
+    uint32_t target;
+    uint64_t first; /* index of its first ray among all */
+} Batch;
+
+typedef struct Chunk {
+    LightBeam *beams;
+    uint32_t *owners; /* object of each beam */
+    uint64_t count, room;
+    uint64_t leak_count;
+    LightTally tally;
+} Chunk;
+
+typedef struct Tracer {
+    const AmbScene *scene;
+    const LightTraceParams *params;
+    Job *job;
+    Batch *batches;
+    uint64_t batch_count;
+    Chunk *chunks;
+} Tracer;
+
+/* A branch of a light ray: what is left to follow. */
+typedef struct Branch {
+    Vec3 o, d;
+    Rgb flux;
+    TangentPair pairs[TANGENT_COUNT];
+    MediumStack stack;
+    float entry_area;
+    float start_slope;
+    uint32_t bounces;
+} Branch;
+
+static AmbStatus chunk_append(Chunk *chunk, const LightBeam *beam, uint32_t owner) {
+    if (chunk->count == chunk->room) {
+        const uint64_t room = chunk->room > 0 ? 2 * chunk->room : GRAIN;
+        LightBeam *beams = memory_alloc_array(room, sizeof *beams);
+        uint32_t *owners = memory_alloc_array(room, sizeof *owners);
+        if (beams == NULL || owners == NULL) {
+            memory_free(beams);
+            memory_free(owners);
+            return status_fail(AMB_OUT_OF_MEMORY, "no memory for light rays");
+        }
+        if (chunk->count > 0) {
+            memcpy(beams, chunk->beams, chunk->count * sizeof *beams);
+            memcpy(owners, chunk->owners, chunk->count * sizeof *owners);
+        }
+        memory_free(chunk->beams);
+        memory_free(chunk->owners);
+        chunk->beams = beams;
+        chunk->owners = owners;
+        chunk->room = room;
+    }
+    chunk->beams[chunk->count] = *beam;
+    chunk->owners[chunk->count++] = owner;
+    return AMB_OK;
+}
+
+static void tally_add(double sum[3], Rgb flux) {
+    sum[0] += (double)flux.r;
+    sum[1] += (double)flux.g;
+    sum[2] += (double)flux.b;
+}
+
+static float slope(float cosine) {
+    const float c = fmaxf(fabsf(cosine), GRAZING_COS);
+    return safe_sqrtf(1.0f - c * c) / c;
+}
+
+/* Emits the stretch of a branch inside a medium and attenuates it to its end. */
+static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, float length,
+                           float end_slope) {
+    const Medium *medium = &medium_stack_material(scene, &branch->stack)->medium;
+    const float clearest = rgb_min(medium->sigma_t);
+    float visible = length;
+    if (clearest * length > OPTICAL_DEPTH_MAX) {
+        visible = OPTICAL_DEPTH_MAX / clearest;
+        end_slope = 0.0f;
+    }
+    const Rgb transmittance = medium_transmittance(medium, length);
+    tally_add(chunk->tally.interacting,
+              rgb_mul(branch->flux,
+                      rgb(1.0f - transmittance.r, 1.0f - transmittance.g, 1.0f - transmittance.b)));
+    AmbStatus status = AMB_OK;
+    if (medium_scatters(medium)) {
+        LightBeam beam = {.origin = branch->o,
+                          .direction = branch->d,
+                          .length = visible,
+                          .flux = branch->flux,
+                          .spread = tangent_spread(branch->pairs, branch->d),
+                          .start_slope = branch->start_slope,
+                          .end_slope = end_slope};
+        const float area = tangent_cross_section(&beam.spread, 0.0f);
+        if (branch->entry_area == 0.0f) {
+            /* A light inside the medium spreads from a point: its largest cross-section takes
+             * the place of the one at entry. */
+            branch->entry_area = area > 0.0f ? area : tangent_cross_section(&beam.spread, visible);
+        }
+        beam.entry_area = branch->entry_area;
+        if (beam.entry_area > 0.0f)
+            status = chunk_append(chunk, &beam, medium_stack_top(&branch->stack));
+    }
+    branch->flux = rgb_mul(branch->flux, transmittance);
+    return status;
+}
+
+static Branch branch_beyond(const Branch *from, const AmbScene *scene, const Hit *hit,
+                            const SurfacePoint *surface, const BoundaryCrossing *crossing) {
+    Branch next = *from;
+    const DielectricSplit *split = &crossing->split;
+    for (int k = 0; k < TANGENT_COUNT; ++k) {
+        const Vec3 dn = scene_normal_derivative(scene, hit, next.pairs[k].dp);
+        const Vec3 inward = crossing->is_entering ? dn : vec3_negate(dn);
+        next.pairs[k] = tangent_refract(next.pairs[k], from->d, crossing->n, inward, crossing->eta,
+                                        split->cos_i, split->cos_t);
+    }
+    next.d = split->refracted;
+    next.o = scene_leave(surface, next.d);
+    next.stack = crossing->beyond;
+    next.start_slope = slope(vec3_dot(next.d, surface->ng));
+    return next;
+}
+
+static Branch branch_back(const Branch *from, const AmbScene *scene, const Hit *hit,
+                          const SurfacePoint *surface, const BoundaryCrossing *crossing) {
+    Branch next = *from;
+    const DielectricSplit *split = &crossing->split;
+    for (int k = 0; k < TANGENT_COUNT; ++k) {
+        const Vec3 dn = scene_normal_derivative(scene, hit, next.pairs[k].dp);
+        const Vec3 inward = crossing->is_entering ? dn : vec3_negate(dn);
+        next.pairs[k] = tangent_reflect(next.pairs[k], from->d, crossing->n, inward, split->cos_i);
+    }
+    next.d = split->reflected;
+    next.o = scene_leave(surface, next.d);
+    next.bounces = from->bounces + 1;
+    next.start_slope = slope(vec3_dot(next.d, surface->ng));
+    return next;
+}
+
+static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t index, Chunk *chunk) {
+    const AmbScene *scene = tracer->scene;
+    const LightRay ray = light_emit(&batch->emission, index);
+    if (!(rgb_max(ray.flux) > 0.0f))
+        return AMB_OK;
+    Branch waiting[ORDER_MAX];
+    uint32_t waiting_count = 1;
+    waiting[0] = (Branch){.o = ray.o, .d = ray.d, .flux = ray.flux, .stack = batch->start};
+    memcpy(waiting[0].pairs, ray.pairs, sizeof ray.pairs);
+
+    for (int event = 0; waiting_count > 0 && event < EVENT_MAX; ++event) {
+        Branch branch = waiting[--waiting_count];
+        const bool is_outside = branch.stack.count == 0;
+        Hit hit;
+        if (!scene_intersect(scene, branch.o, branch.d, INFINITY, &hit)) {
+            if (!is_outside)
+                ++chunk->leak_count;
+            continue;
+        }
+        const SurfacePoint surface = scene_surface(scene, &hit);
+        if (is_outside && surface.object != batch->target)
+            continue;
+        const float cos_face = vec3_dot(branch.d, surface.ng);
+        if (!is_outside)
+            AMB_TRY(emit_beam(chunk, scene, &branch, hit.t, slope(cos_face)));
+        for (int k = 0; k < TANGENT_COUNT; ++k)
+            branch.pairs[k] =
+                tangent_travel_to_surface(branch.pairs[k], hit.t, branch.d, surface.ng);
+        if (surface.material->surface != AMB_SURFACE_DIELECTRIC)
+            continue;
+        const BoundaryCrossing crossing = boundary_cross(scene, &branch.stack, &surface, branch.d);
+        if (crossing.is_ignored) {
+            branch.o = scene_leave(&surface, branch.d);
+            waiting[waiting_count++] = branch;
+            continue;
+        }
+        if (is_outside)
+            tally_add(chunk->tally.incident, branch.flux);
+        if (fabsf(cos_face) < GRAZING_COS || crossing.split.cos_i < GRAZING_COS)
+            continue;
+
+        const bool stays_inside = crossing.beyond.count > 0;
+        if (crossing.can_refract && stays_inside && waiting_count < ORDER_MAX) {
+            Branch next = branch_beyond(&branch, scene, &hit, &surface, &crossing);
+            float weight = 1.0f - crossing.split.reflectance;
+            if (tracer->params->adjoint_normals)
+                weight *= crossing.adjoint_refract;
+            next.flux = rgb_mul(rgb_scale(next.flux, weight), surface.material->transmit_color);
+            if (is_outside) {
+                const TangentSpread spread = tangent_spread(next.pairs, next.d);
+                next.entry_area = tangent_cross_section(&spread, 0.0f);
+                tally_add(chunk->tally.entered, next.flux);
+            }
+            waiting[waiting_count++] = next;
+        }
+        if (crossing.can_reflect && !is_outside && branch.bounces < tracer->params->bounces &&
+            waiting_count < ORDER_MAX) {
+            Branch next = branch_back(&branch, scene, &hit, &surface, &crossing);
+            float weight = crossing.split.reflectance;
+            if (tracer->params->adjoint_normals)
+                weight *= crossing.adjoint_reflect;
+            next.flux = rgb_mul(rgb_scale(next.flux, weight), surface.material->reflect_color);
+            waiting[waiting_count++] = next;
+        }
+    }
+    return AMB_OK;
+}
+
+static AmbStatus trace_chunk(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    const Tracer *tracer = user;
+    for (uint64_t c = begin; c < end; ++c) {
+        Chunk *chunk = &tracer->chunks[c];
+        const uint64_t last = (c + 1) * GRAIN < tracer->params->ray_count
+                                  ? (c + 1) * GRAIN
+                                  : tracer->params->ray_count;
+        uint64_t b = 0;
+        for (uint64_t i = c * GRAIN; i < last; ++i) {
+            while (b + 1 < tracer->batch_count && tracer->batches[b + 1].first <= i)
+                ++b;
+            AMB_TRY(trace_ray(tracer, &tracer->batches[b], i - tracer->batches[b].first, chunk));
+        }
+        atomic_fetch_add(&tracer->job->work_done, 1);
+    }
+    return AMB_OK;
+}
+
+/* Lists the pairs of a light and a boundary that can meet, and shares the rays among them. */
+static AmbStatus plan_batches(Tracer *tracer) {
+    const AmbScene *scene = tracer->scene;
+    tracer->batches =
+        memory_zero_array((uint64_t)scene->light_count * scene->object_count, sizeof(Batch));
+    if (tracer->batches == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light plan");
+    double total = 0.0;
+    for (uint32_t l = 0; l < scene->light_count; ++l) {
+        const SceneLight *light = &scene->lights[l];
+        MediumStack start = {0};
+        if (light->kind != AMB_LIGHT_SUN)
+            start = scene_media_at(scene, light->position);
+        for (uint32_t o = 0; o < scene->object_count; ++o) {
+            const SceneObject *object = &scene->objects[o];
+            /* Light that starts inside stays with the outermost object around it. */
+            if (!object->is_boundary || (start.count > 0 && start.objects[0] != o))
+                continue;
+            const Rng rng = rng_create(tracer->params->seed, RNG_STAGE_LIGHT, l);
+            Batch batch = {.emission = {.light = light,
+                                        .target = object->center,
+                                        /* A little larger: rounding must not cut the rim. */
+                                        .target_radius = object->radius * 1.0001f,
+                                        .distance = 2.0f * scene->radius + 1e-3f,
+                                        .count = 1,
+                                        .shift_u = rng_float(rng, 0),
+                                        .shift_v = rng_float(rng, 1)},
+                           .start = start,
+                           .target = o};
+            if (start.count > 0)
+                batch.emission.target_radius = INFINITY; /* every direction */
+            const double power = (double)light_power_towards(&batch.emission);
+            if (!(power > 0.0))
+                continue;
+            total += power;
+            tracer->batches[tracer->batch_count++] = batch;
+        }
+    }
+    double running = 0.0;
+    uint64_t first = 0;
+    for (uint64_t b = 0; b < tracer->batch_count; ++b) {
+        Batch *batch = &tracer->batches[b];
+        running += (double)light_power_towards(&batch->emission);
+        batch->first = first;
+        uint64_t end = (uint64_t)((double)tracer->params->ray_count * (running / total));
+        if (b + 1 == tracer->batch_count)
+            end = tracer->params->ray_count;
+        batch->emission.count = end > first ? end - first : 0;
+        first = first + batch->emission.count;
+    }
+    return AMB_OK;
+}
+
+static AmbStatus gather_chunks(const Tracer *tracer, uint64_t chunk_count, LightField *field) {
+    for (uint64_t c = 0; c < chunk_count; ++c) {
+        const Chunk *chunk = &tracer->chunks[c];
+        for (uint64_t i = 0; i < chunk->count; ++i)
+            ++field->objects[chunk->owners[i]].count;
+    }
+    for (uint32_t o = 0; o < field->object_count; ++o) {
+        LightBeams *beams = &field->objects[o];
+        beams->beams = memory_alloc_array(beams->count, sizeof(LightBeam));
+        if (beams->beams == NULL)
+            return status_fail(AMB_OUT_OF_MEMORY, "no memory for %llu light rays",
+                               (unsigned long long)beams->count);
+        beams->count = 0;
+    }
+    for (uint64_t c = 0; c < chunk_count; ++c) {
+        Chunk *chunk = &tracer->chunks[c];
+        for (uint64_t i = 0; i < chunk->count; ++i) {
+            LightBeams *beams = &field->objects[chunk->owners[i]];
+            beams->beams[beams->count++] = chunk->beams[i];
+        }
+        field->leak_count += chunk->leak_count;
+        for (int k = 0; k < 3; ++k) {
+            field->tally.incident[k] += chunk->tally.incident[k];
+            field->tally.entered[k] += chunk->tally.entered[k];
+            field->tally.interacting[k] += chunk->tally.interacting[k];
+        }
+    }
+    return AMB_OK;
+}
+
+AmbStatus light_trace(const AmbScene *scene, const LightTraceParams *params, Job *job,
+                      LightField *out_field) {
+    memset(out_field, 0, sizeof *out_field);
+    Tracer tracer = {.scene = scene, .params = params, .job = job};
+    const uint64_t chunk_count = params->ray_count / GRAIN + (params->ray_count % GRAIN != 0);
+    tracer.chunks = memory_zero_array(chunk_count, sizeof(Chunk));
+    out_field->objects = memory_zero_array(scene->object_count, sizeof(LightBeams));
+    out_field->object_count = scene->object_count;
+    AmbStatus status = AMB_OK;
+    if (tracer.chunks == NULL || out_field->objects == NULL)
+        status = status_fail(AMB_OUT_OF_MEMORY, "no memory for the light pass");
+    if (status == AMB_OK)
+        status = plan_batches(&tracer);
+    if (status == AMB_OK && tracer.batch_count > 0) {
+        atomic_store(&job->work_done, 0);
+        atomic_store(&job->work_total, chunk_count);
+        status = parallel_for(job, chunk_count, 1, trace_chunk, &tracer);
+        out_field->ray_count = params->ray_count;
+    }
+    if (status == AMB_OK)
+        status = gather_chunks(&tracer, chunk_count, out_field);
+    if (tracer.chunks != NULL)
+        for (uint64_t c = 0; c < chunk_count; ++c) {
+            memory_free(tracer.chunks[c].beams);
+            memory_free(tracer.chunks[c].owners);
+        }
+    memory_free(tracer.chunks);
+    memory_free(tracer.batches);
+    if (status != AMB_OK)
+        light_field_clear(out_field);
+    return status;
+}
+
+void light_field_clear(LightField *field) {
+    if (field->objects != NULL)
+        for (uint32_t o = 0; o < field->object_count; ++o)
+            memory_free(field->objects[o].beams);
+    memory_free(field->objects);
+    memset(field, 0, sizeof *field);
+}

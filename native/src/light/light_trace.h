@@ -1,0 +1,64 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * The light pass: rays from the lights, refracted into the media, with the covariance of the
+ * local light field along them. */
+#ifndef AMB_LIGHT_LIGHT_TRACE_H
+#define AMB_LIGHT_LIGHT_TRACE_H
+
+#include "scene/boundary.h"
+
+/* One straight stretch of a light ray inside a medium. At distance s from its origin it carries
+ * flux * exp(-sigma_t s). */
+typedef struct LightBeam {
+    Vec3 origin, direction;       /* m, unit */
+    float length;                 /* m, to the next surface or to where nothing is left */
+    Rgb flux;                     /* W at the origin; n^2 does not enter: flux needs only T */
+    TangentSpread spread;         /* cross-section a(s) of the tube that the ray stands for */
+    float entry_area;             /* a(0) just after the first refraction, m^2; > 0 */
+    float start_slope, end_slope; /* tan of the angle between the ray and the surface's normal at
+                                   * either end; 0 where it does not end on a surface */
+} LightBeam;
+
+/* The beams inside one object. */
+typedef struct LightBeams {
+    LightBeam *beams;
+    uint64_t count;
+} LightBeams;
+
+/* Flux in W per channel, summed over all lights. */
+typedef struct LightTally {
+    double incident[3];    /* arriving at a boundary from a light */
+    double entered[3];     /* into the medium */
+    double interacting[3]; /* absorbed or scattered at least once along the traced beams */
+} LightTally;
+
+/* What the light pass leaves behind; const afterwards. */
+typedef struct LightField {
+    LightBeams *objects; /* by object, object_count */
+    uint32_t object_count;
+    uint64_t ray_count;  /* rays emitted */
+    uint64_t leak_count; /* rays that left an object through a hole of its mesh */
+    LightTally tally;
+} LightField;
+
+typedef struct LightTraceParams {
+    uint64_t ray_count;   /* to emit, over all lights and objects */
+    uint32_t bounces;     /* internal reflections to follow */
+    bool adjoint_normals; /* see BoundaryCrossing */
+    uint32_t seed;
+} LightTraceParams;
+
+/* Traces params->ray_count rays, shared among lights and boundaries by the flux they exchange.
+ *
+ * Samples of the boundary are where a Fibonacci lattice of rays over the light's solid angle
+ * meets it first, instead of points placed on each triangle ([Liang19] 4.2, [Wang16]): they are
+ * stratified to the same degree, each carries the same flux before Fresnel (a uniform density
+ * over the surface spends samples where light grazes), occlusion is decided by the same ray, and
+ * the pdf is p_A = cos / (r^2 omega_cell), so that flux = I omega_cell T.
+ *
+ * Same result for any number of threads. out_field is cleared by light_field_clear. */
+AmbStatus light_trace(const AmbScene *scene, const LightTraceParams *params, Job *job,
+                      LightField *out_field);
+
+void light_field_clear(LightField *field);
+
+#endif

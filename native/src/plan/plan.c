@@ -1,0 +1,149 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * What is worth simulating. */
+#include "plan/plan.h"
+
+/* Volume samples along one light ray, on average. More of them follow a caustic more closely and
+ * make tighter boxes, fewer leave more rays for the same memory; the error hardly depends on it
+ * between 4 and 16 (tests/bench/bench_points.py). */
+static const uint64_t SAMPLES_PER_RAY = 8;
+
+const char *plan_estimator_name(uint32_t estimator) {
+    static const char *const names[] = {"AUTO", "POINTS_FIXED", "POINTS_COVARIANCE", "TUBES",
+                                        "SPECULAR"};
+    return estimator < sizeof names / sizeof names[0] ? names[estimator] : "UNKNOWN";
+}
+
+AmbStatus plan_check(const AmbRenderParams *params) {
+    if (params->estimator > AMB_ESTIMATOR_POINTS_COVARIANCE)
+        return status_fail(AMB_UNSUPPORTED, "estimator %s is not available in this version",
+                           plan_estimator_name(params->estimator));
+    if ((params->effects & AMB_EFFECT_DOUBLE_SCATTERING) != 0 ||
+        (params->effects & AMB_EFFECT_MULTIPLE_SCATTERING) != 0)
+        return status_fail(AMB_UNSUPPORTED,
+                           "double and multiple scattering are not available in this version");
+    return AMB_OK;
+}
+
+static PlanEffect simulated(const char *name, const char *reason) {
+    return (PlanEffect){name, true, reason};
+}
+
+static PlanEffect skipped(const char *name, const char *reason) {
+    return (PlanEffect){name, false, reason};
+}
+
+static bool has_boundary(const AmbScene *scene) {
+    for (uint32_t o = 0; o < scene->object_count; ++o)
+        if (scene->objects[o].is_boundary)
+            return true;
+    return false;
+}
+
+static bool has_refraction(const AmbScene *scene) {
+    for (uint32_t o = 0; o < scene->object_count; ++o)
+        if (scene->objects[o].is_boundary && scene->materials[scene->objects[o].inside].ior != 1.0f)
+            return true;
+    return false;
+}
+
+static bool has_scattering(const AmbScene *scene) {
+    for (uint32_t o = 0; o < scene->object_count; ++o)
+        if (scene->objects[o].is_boundary &&
+            medium_scatters(&scene->materials[scene->objects[o].inside].medium))
+            return true;
+    return false;
+}
+
+static bool has_light(const AmbScene *scene) {
+    for (uint32_t l = 0; l < scene->light_count; ++l)
+        if (rgb_max(scene->lights[l].color) > 0.0f)
+            return true;
+    return false;
+}
+
+static PlanEffect plan_single(const AmbScene *scene, const AmbRenderParams *params) {
+    const char *name = "single scattering";
+    if ((params->effects & AMB_EFFECT_SINGLE_SCATTERING) == 0)
+        return skipped(name, "switched off");
+    if (!has_scattering(scene))
+        return skipped(name, "no medium scatters");
+    if (!has_light(scene))
+        return skipped(name, "no lamp");
+    return simulated(name, "a medium scatters the light of a lamp");
+}
+
+static PlanEffect plan_bounces(const AmbScene *scene, const char *name, uint32_t bounces,
+                               bool is_single_simulated) {
+    if (bounces == 0)
+        return skipped(name, "0 bounces set");
+    if (!is_single_simulated)
+        return skipped(name, "nothing scatters");
+    if (!has_refraction(scene))
+        return skipped(name, "no boundary reflects: every ior is 1");
+    return simulated(name, "bounces set and a boundary reflects");
+}
+
+static PlanEffect plan_surface(const AmbScene *scene, const AmbRenderParams *params) {
+    const char *name = "surface reflection";
+    if ((params->effects & AMB_EFFECT_SURFACE_REFLECTION) == 0)
+        return skipped(name, "switched off");
+    if (!has_refraction(scene))
+        return skipped(name, "no boundary reflects: every ior is 1");
+    return simulated(name, "a boundary reflects");
+}
+
+static PlanEffect plan_background(const AmbScene *scene, const AmbRenderParams *params) {
+    const char *name = "background through objects";
+    if ((params->effects & AMB_EFFECT_BACKGROUND) == 0)
+        return skipped(name, "switched off");
+    if (!has_boundary(scene))
+        return skipped(name, "no translucent object");
+    return simulated(name, "a translucent object is there");
+}
+
+Plan plan_create(const AmbScene *scene, const AmbRenderParams *params) {
+    Plan plan = {.estimator = params->estimator};
+    if (plan.estimator == AMB_ESTIMATOR_AUTO)
+        plan.estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
+
+    PlanEffect *effects = plan.effects;
+    effects[PLAN_SINGLE_SCATTERING] = plan_single(scene, params);
+    const bool is_single = effects[PLAN_SINGLE_SCATTERING].is_simulated;
+    effects[PLAN_LIGHT_BOUNCES] =
+        plan_bounces(scene, "light-side internal reflection", params->light_bounces, is_single);
+    /* On the camera side they also show the background again, so a boundary is reason enough. */
+    effects[PLAN_CAMERA_BOUNCES] =
+        plan_bounces(scene, "camera-side internal reflection", params->camera_bounces,
+                     is_single || (params->effects & AMB_EFFECT_BACKGROUND) != 0);
+    effects[PLAN_SURFACE_REFLECTION] = plan_surface(scene, params);
+    effects[PLAN_BACKGROUND] = plan_background(scene, params);
+    effects[PLAN_DOUBLE_SCATTERING] = skipped("double scattering", "not available in this version");
+    effects[PLAN_MULTIPLE_SCATTERING] =
+        skipped("multiple scattering", "not available in this version");
+
+    plan.light = (LightTraceParams){
+        .ray_count = params->light_samples / SAMPLES_PER_RAY > 0
+                         ? params->light_samples / SAMPLES_PER_RAY
+                         : 1,
+        .bounces = effects[PLAN_LIGHT_BOUNCES].is_simulated ? params->light_bounces : 0,
+        .adjoint_normals = params->adjoint_normals != 0,
+        .seed = params->seed};
+    plan.field = (FieldParams){.estimator = plan.estimator,
+                               .sample_target = params->light_samples,
+                               .kernel_size = params->kernel_size};
+
+    uint32_t camera_effects = 0;
+    if (effects[PLAN_SURFACE_REFLECTION].is_simulated)
+        camera_effects |= AMB_EFFECT_SURFACE_REFLECTION;
+    if (effects[PLAN_BACKGROUND].is_simulated)
+        camera_effects |= AMB_EFFECT_BACKGROUND;
+    plan.camera = (CameraParams){
+        .width = params->width,
+        .height = params->height,
+        .effects = camera_effects,
+        .bounces = effects[PLAN_CAMERA_BOUNCES].is_simulated ? params->camera_bounces : 0,
+        .seed = params->seed,
+        .film_transparent = params->film_transparent != 0,
+        .start = scene_media_at(scene, scene->camera.position)};
+    return plan;
+}

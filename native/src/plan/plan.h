@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Decides from the scene alone what is worth simulating, and says why. */
+#ifndef AMB_PLAN_PLAN_H
+#define AMB_PLAN_PLAN_H
+
+#include "camera/camera_path.h"
+
+enum {
+    PLAN_SINGLE_SCATTERING,
+    PLAN_LIGHT_BOUNCES,
+    PLAN_CAMERA_BOUNCES,
+    PLAN_SURFACE_REFLECTION,
+    PLAN_BACKGROUND,
+    PLAN_DOUBLE_SCATTERING,
+    PLAN_MULTIPLE_SCATTERING,
+    PLAN_EFFECT_COUNT
+};
+
+typedef struct PlanEffect {
+    const char *name;
+    bool is_simulated;
+    const char *reason; /* one phrase, static storage */
+} PlanEffect;
+
+typedef struct Plan {
+    PlanEffect effects[PLAN_EFFECT_COUNT];
+    uint32_t estimator; /* resolved, not AUTO */
+    LightTraceParams light;
+    FieldParams field;
+    CameraParams camera;
+} Plan;
+
+/* AMB_UNSUPPORTED for estimators and effects that do not exist; the scene need not be built. */
+AmbStatus plan_check(const AmbRenderParams *params);
+
+/* The scene must be built. */
+Plan plan_create(const AmbScene *scene, const AmbRenderParams *params);
+
+const char *plan_estimator_name(uint32_t estimator);
+
+#endif

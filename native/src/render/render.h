@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * The session: runs the stages in order on a thread of its own; start, poll, cancel, finish. */
+#ifndef AMB_RENDER_RENDER_H
+#define AMB_RENDER_RENDER_H
+
+#include <pthread.h>
+
+#include "film/film.h"
+#include "plan/plan.h"
+
+enum { STAGE_SCENE, STAGE_LIGHT, STAGE_FIELD, STAGE_CAMERA, STAGE_COUNT };
+extern const char *const STAGE_NAMES[STAGE_COUNT];
+
+typedef struct StageCost {
+    double cpu, wall; /* seconds */
+} StageCost;
+
+struct AmbRender {
+    AmbScene *scene;
+    AmbRenderParams params;
+    uint32_t crop_x, crop_y; /* of the film in the full image */
+    Plan plan;
+    Film film;
+    Job job;
+    pthread_t thread;
+    double start; /* clock_wall */
+
+    /* The lock guards what follows. */
+    pthread_mutex_t lock;
+    pthread_cond_t ended_changed;
+    uint32_t state; /* AMB_STATE_* */
+    uint32_t stage;
+    uint32_t samples_done;
+    float fraction; /* largest reported */
+    double elapsed; /* of an ended render */
+    AmbStatus status;
+    AmbErrorInfo error;
+
+    /* Constant once ended. */
+    StageCost costs[STAGE_COUNT];
+    uint64_t ray_count, light_sample_count, light_leak_count;
+    atomic_uint_least64_t camera_leak_count;
+    LightTally tally;
+    uint64_t scene_bytes, light_bytes, field_bytes;
+    bool has_plan;
+};
+
+AmbStatus render_start(AmbScene *scene, const AmbRenderParams *params, AmbRender **out_render);
+void render_progress(AmbRender *render, AmbProgress *out_progress);
+void render_cancel(AmbRender *render);
+/* See amb_render_wait. */
+AmbStatus render_wait(AmbRender *render, double timeout, bool *out_ended);
+void render_destroy(AmbRender *render);
+
+#endif

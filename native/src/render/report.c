@@ -1,0 +1,116 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * The account of an ended render. */
+#include "render/report.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <sys/resource.h>
+
+typedef struct Text {
+    char *buffer;
+    uint64_t size, length; /* length goes on counting when the buffer is full */
+} Text;
+
+static void add(Text *text, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+static void add(Text *text, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    const uint64_t room = text->length < text->size ? text->size - text->length : 0;
+    const int written =
+        vsnprintf(room > 0 ? text->buffer + text->length : NULL, room, format, arguments);
+    va_end(arguments);
+    if (written > 0)
+        text->length += (uint64_t)written;
+}
+
+static void add_rgb(Text *text, const char *name, const double v[3], const char *end) {
+    add(text, "\"%s\": [%.9g, %.9g, %.9g]%s", name, v[0], v[1], v[2], end);
+}
+
+static void add_effects(Text *text, const AmbRender *render) {
+    add(text, "  \"effects\": [\n");
+    for (int i = 0; i < PLAN_EFFECT_COUNT; ++i) {
+        const PlanEffect *effect = &render->plan.effects[i];
+        add(text, "    {\"name\": \"%s\", \"simulated\": %s, \"reason\": \"%s\"}%s\n", effect->name,
+            effect->is_simulated ? "true" : "false", effect->reason,
+            i + 1 < PLAN_EFFECT_COUNT ? "," : "");
+    }
+    add(text, "  ],\n");
+}
+
+static void add_stages(Text *text, const AmbRender *render) {
+    add(text, "  \"stages\": [\n");
+    for (int i = 0; i < STAGE_COUNT; ++i)
+        add(text, "    {\"name\": \"%s\", \"cpu_s\": %.6f, \"wall_s\": %.6f}%s\n", STAGE_NAMES[i],
+            render->costs[i].cpu, render->costs[i].wall, i + 1 < STAGE_COUNT ? "," : "");
+    add(text, "  ],\n");
+}
+
+static void add_memory(Text *text, const AmbRender *render) {
+    struct rusage usage;
+    getrusage(RUSAGE_SELF, &usage);
+    add(text,
+        "  \"memory\": {\"scene_bytes\": %llu, \"light_bytes\": %llu, \"field_bytes\": %llu, "
+        "\"film_bytes\": %llu, \"peak_rss_bytes\": %llu},\n",
+        (unsigned long long)render->scene_bytes, (unsigned long long)render->light_bytes,
+        (unsigned long long)render->field_bytes, (unsigned long long)film_bytes(&render->film),
+        1024ull * (unsigned long long)usage.ru_maxrss);
+}
+
+static void add_light(Text *text, const AmbRender *render) {
+    add(text, "  \"light\": {\"rays\": %llu, \"volume_samples\": %llu, ",
+        (unsigned long long)render->ray_count, (unsigned long long)render->light_sample_count);
+    add_rgb(text, "flux_incident", render->tally.incident, ", ");
+    add_rgb(text, "flux_entered", render->tally.entered, ", ");
+    add_rgb(text, "flux_interacting", render->tally.interacting, "},\n");
+}
+
+static void add_warnings(Text *text, const AmbRender *render, uint64_t nonfinite) {
+    const struct {
+        const char *text;
+        uint64_t count;
+    } warnings[] = {
+        {"light rays left a translucent object through a hole in its mesh: close it for a right "
+         "picture",
+         render->light_leak_count},
+        {"camera rays left a translucent object through a hole in its mesh: close it for a right "
+         "picture",
+         atomic_load(&render->camera_leak_count)},
+        {"samples were not finite and were left out: please report this scene", nonfinite},
+    };
+    add(text, "  \"warnings\": [");
+    bool is_first = true;
+    for (uint64_t i = 0; i < sizeof warnings / sizeof warnings[0]; ++i) {
+        if (warnings[i].count == 0)
+            continue;
+        add(text, "%s\n    {\"text\": \"%s\", \"count\": %llu}", is_first ? "" : ",",
+            warnings[i].text, (unsigned long long)warnings[i].count);
+        is_first = false;
+    }
+    add(text, "],\n");
+}
+
+void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t *out_size) {
+    Text text = {buffer, buffer != NULL ? size : 0, 0};
+    const uint64_t single = atomic_load(&render->film.nonfinite_single);
+    const uint64_t surface = atomic_load(&render->film.nonfinite_surface);
+    add(&text, "{\n  \"version\": \"%s\",\n", AMB_VERSION_STRING);
+    add(&text, "  \"estimator\": \"%s\",\n", plan_estimator_name(render->plan.estimator));
+    add(&text, "  \"samples\": %u,\n  \"width\": %u,\n  \"height\": %u,\n  \"threads\": %u,\n",
+        render->params.samples, render->film.width, render->film.height, render->job.thread_count);
+    add(&text, "  \"light_samples\": %llu,\n  \"kernel_size\": %.9g,\n  \"seed\": %u,\n",
+        (unsigned long long)render->params.light_samples, (double)render->params.kernel_size,
+        render->params.seed);
+    if (render->has_plan)
+        add_effects(&text, render);
+    add_stages(&text, render);
+    add_memory(&text, render);
+    add_light(&text, render);
+    add_warnings(&text, render, single + surface);
+    add(&text, "  \"nonfinite\": %llu,\n  \"nonfinite_by\": {\"gather\": %llu, \"surface\": %llu}",
+        (unsigned long long)(single + surface), (unsigned long long)single,
+        (unsigned long long)surface);
+    add(&text, "\n}\n");
+    *out_size = text.length + 1;
+}

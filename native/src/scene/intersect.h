@@ -1,0 +1,38 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Ray queries against triangles; Embree stays behind this header. */
+#ifndef AMB_SCENE_INTERSECT_H
+#define AMB_SCENE_INTERSECT_H
+
+#include "base/parallel.h"
+#include "math/vec3.h"
+
+typedef struct Intersector Intersector;
+
+typedef struct Hit {
+    float t;           /* m */
+    float u, v;        /* barycentric weights of the triangle's second and third vertex */
+    uint32_t geometry; /* order of intersector_add */
+    uint32_t triangle;
+} Hit;
+
+AmbStatus intersector_create(uint32_t thread_count, Intersector **out_intersector);
+void intersector_destroy(Intersector *intersector);
+
+/* Adds triangles; the arrays are shared and must outlive the intersector. positions must be
+ * readable for 4 bytes past its end. */
+AmbStatus intersector_add(Intersector *intersector, const Vec3 *positions, uint64_t vertex_count,
+                          const uint32_t *triangles, uint64_t triangle_count);
+
+/* Builds the tree; AMB_CANCELLED when the job is cancelled meanwhile. */
+AmbStatus intersector_commit(Intersector *intersector, Job *job);
+
+/* After the commit, from any thread. d need not be unit; t is in units of its length. */
+bool intersector_nearest(const Intersector *intersector, Vec3 o, Vec3 d, float t_max, Hit *out_hit);
+bool intersector_any(const Intersector *intersector, Vec3 o, Vec3 d, float t_max);
+
+uint64_t intersector_bytes(const Intersector *intersector);
+
+/* See amb_self_test. */
+AmbStatus intersector_self_test(void);
+
+#endif

@@ -1,0 +1,184 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Ray queries by Embree 3 or 4: the only file that includes it. */
+#include "scene/intersect.h"
+
+#if __has_include(<embree4/rtcore.h>)
+#include <embree4/rtcore.h>
+#else
+#include <embree3/rtcore.h>
+#endif
+
+#include <stdatomic.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+struct Intersector {
+    RTCDevice device;
+    RTCScene scene;
+    Job *job; /* during the commit */
+    atomic_int_least64_t bytes;
+};
+
+static bool on_memory(void *user, ssize_t bytes, bool post) {
+    (void)post;
+    Intersector *self = user;
+    atomic_fetch_add(&self->bytes, (int64_t)bytes);
+    return true;
+}
+
+static bool on_build_progress(void *user, double fraction) {
+    (void)fraction;
+    const Intersector *self = user;
+    return !job_is_cancelled(self->job);
+}
+
+/* Embree keeps the first error of each thread until it is read. */
+static AmbStatus check(RTCDevice device, const char *doing) {
+    switch (rtcGetDeviceError(device)) {
+    case RTC_ERROR_NONE:
+        return AMB_OK;
+    case RTC_ERROR_OUT_OF_MEMORY:
+        return status_fail(AMB_OUT_OF_MEMORY, "Embree is out of memory while %s", doing);
+    case RTC_ERROR_CANCELLED:
+        return AMB_CANCELLED;
+    case RTC_ERROR_UNSUPPORTED_CPU:
+        return status_fail(AMB_UNSUPPORTED, "this processor is not supported by Embree");
+    default:
+        return status_fail(AMB_INTERNAL, "Embree failed while %s", doing);
+    }
+}
+
+AmbStatus intersector_create(uint32_t thread_count, Intersector **out_intersector) {
+    Intersector *self = memory_zero_array(1, sizeof *self);
+    if (self == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for the ray accelerator");
+    char config[32];
+    snprintf(config, sizeof config, "threads=%u", thread_count);
+    self->device = rtcNewDevice(config);
+    if (self->device == NULL) {
+        memory_free(self);
+        return check(NULL, "creating a device");
+    }
+    atomic_init(&self->bytes, 0);
+    rtcSetDeviceMemoryMonitorFunction(self->device, on_memory, self);
+    self->scene = rtcNewScene(self->device);
+    /* Watertight at shared edges: a path that slips between two triangles of a closed boundary
+     * would lose track of the medium that it is in. */
+    rtcSetSceneFlags(self->scene, RTC_SCENE_FLAG_ROBUST);
+    const AmbStatus status = check(self->device, "creating a scene");
+    if (status != AMB_OK) {
+        intersector_destroy(self);
+        return status;
+    }
+    *out_intersector = self;
+    return AMB_OK;
+}
+
+void intersector_destroy(Intersector *self) {
+    if (self == NULL)
+        return;
+    rtcReleaseScene(self->scene);
+    rtcReleaseDevice(self->device);
+    memory_free(self);
+}
+
+AmbStatus intersector_add(Intersector *self, const Vec3 *positions, uint64_t vertex_count,
+                          const uint32_t *triangles, uint64_t triangle_count) {
+    RTCGeometry geometry = rtcNewGeometry(self->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, positions, 0,
+                               sizeof(Vec3), vertex_count);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, triangles, 0,
+                               3 * sizeof(uint32_t), triangle_count);
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometry(self->scene, geometry);
+    rtcReleaseGeometry(geometry);
+    return check(self->device, "adding a mesh");
+}
+
+AmbStatus intersector_commit(Intersector *self, Job *job) {
+    self->job = job;
+    rtcSetSceneProgressMonitorFunction(self->scene, on_build_progress, self);
+    rtcCommitScene(self->scene);
+    rtcSetSceneProgressMonitorFunction(self->scene, NULL, NULL);
+    self->job = NULL;
+    AMB_TRY(check(self->device, "building the ray accelerator"));
+    return job_is_cancelled(job) ? AMB_CANCELLED : AMB_OK;
+}
+
+static struct RTCRay make_ray(Vec3 o, Vec3 d, float t_max) {
+    struct RTCRay ray;
+    memset(&ray, 0, sizeof ray);
+    ray.org_x = o.x;
+    ray.org_y = o.y;
+    ray.org_z = o.z;
+    ray.dir_x = d.x;
+    ray.dir_y = d.y;
+    ray.dir_z = d.z;
+    ray.tnear = 0.0f;
+    ray.tfar = t_max;
+    ray.mask = ~0u;
+    return ray;
+}
+
+bool intersector_nearest(const Intersector *self, Vec3 o, Vec3 d, float t_max, Hit *out_hit) {
+    struct RTCRayHit query;
+    memset(&query, 0, sizeof query);
+    query.ray = make_ray(o, d, t_max);
+    query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+#if RTC_VERSION_MAJOR >= 4
+    rtcIntersect1(self->scene, &query, NULL);
+#else
+    struct RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    rtcIntersect1(self->scene, &context, &query);
+#endif
+    if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID)
+        return false;
+    *out_hit = (Hit){query.ray.tfar, query.hit.u, query.hit.v, query.hit.geomID, query.hit.primID};
+    return true;
+}
+
+bool intersector_any(const Intersector *self, Vec3 o, Vec3 d, float t_max) {
+    struct RTCRay ray = make_ray(o, d, t_max);
+#if RTC_VERSION_MAJOR >= 4
+    rtcOccluded1(self->scene, &ray, NULL);
+#else
+    struct RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    rtcOccluded1(self->scene, &context, &ray);
+#endif
+    return ray.tfar < 0.0f; /* Embree's sign for "something is there" */
+}
+
+uint64_t intersector_bytes(const Intersector *self) {
+    const int64_t bytes = atomic_load(&self->bytes);
+    return bytes > 0 ? (uint64_t)bytes : 0;
+}
+
+AmbStatus intersector_self_test(void) {
+    static const Vec3 positions[4] = {{-1, -1, 0}, {1, -1, 0}, {0, 1, 0}, {0, 0, 0}};
+    static const uint32_t triangles[3] = {0, 1, 2};
+    Intersector *self = NULL;
+    Job job;
+    job_init(&job, 1);
+    AMB_TRY(intersector_create(1, &self));
+    const ssize_t found = rtcGetDeviceProperty(self->device, RTC_DEVICE_PROPERTY_VERSION);
+    AmbStatus status = intersector_add(self, positions, 3, triangles, 1);
+    if (status == AMB_OK)
+        status = intersector_commit(self, &job);
+    Hit hit;
+    bool is_hit = false;
+    if (status == AMB_OK)
+        is_hit = intersector_nearest(self, vec3(0, 0, 2), vec3(0, 0, -1), 10.0f, &hit);
+    intersector_destroy(self);
+    AMB_TRY(status);
+    if (found / 10000 != RTC_VERSION_MAJOR || !is_hit || fabsf(hit.t - 2.0f) > 1e-5f)
+        return status_fail(AMB_INTERNAL,
+                           "Embree %d.%d was built in but Embree %d.%d answers, and rays %s: "
+                           "another copy of Embree in this process took its place",
+                           RTC_VERSION_MAJOR, RTC_VERSION_MINOR, (int)(found / 10000),
+                           (int)(found / 100 % 100), is_hit ? "go astray" : "miss");
+    return AMB_OK;
+}

@@ -1,0 +1,173 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Lights, from both ends. */
+#include "scene/light.h"
+
+#include "amberlight/amberlight.h"
+
+/* Full extent of the uniform interval whose variance is that of one coordinate of a disc of
+ * radius 1: sqrt(12 * 1/4). Tangent pairs are measured in full extents. */
+static const float DISC_EXTENT = 1.7320508f;
+
+/* Relative intensity of a spot in unit direction d of travel. */
+static float spot_factor(const SceneLight *light, Vec3 d) {
+    const float cos_axis = vec3_dot(d, light->direction);
+    if (cos_axis <= light->cos_outer)
+        return 0.0f;
+    const float width = (1.0f - light->cos_outer) * light->spot_blend;
+    const float x = width > 0.0f ? fminf((cos_axis - light->cos_outer) / width, 1.0f) : 1.0f;
+    const float edge = x * x * (3.0f - 2.0f * x);
+    return light->spot_cosine > 0.0f ? edge * cos_axis : edge;
+}
+
+static float area_measure(const SceneLight *light) {
+    const float box = 4.0f * light->size[0] * light->size[1];
+    return light->area_shape == AMB_AREA_ELLIPSE ? box * AMB_PI / 4.0f : box;
+}
+
+static Vec3 area_point(const SceneLight *light, Sample2 u) {
+    Sample2 s = {2.0f * u.u - 1.0f, 2.0f * u.v - 1.0f};
+    if (light->area_shape == AMB_AREA_ELLIPSE)
+        s = sample_disc(u);
+    return vec3_madd(vec3_madd(light->position, s.u * light->size[0], light->x),
+                     s.v * light->size[1], light->y);
+}
+
+/* Point of the disc of the light's radius that faces along unit n. */
+static Vec3 disc_point(const SceneLight *light, Vec3 n, Sample2 u) {
+    Vec3 x, y;
+    vec3_frame(n, &x, &y);
+    const Sample2 s = sample_disc(u);
+    return vec3_madd(vec3_madd(light->position, light->radius * s.u, x), light->radius * s.v, y);
+}
+
+LightArrival light_arrival(const SceneLight *light, Vec3 p, Sample2 u) {
+    LightArrival arrival = {.irradiance = {0, 0, 0}};
+    if (light->kind == AMB_LIGHT_SUN) {
+        const Vec3 cone = sample_cap(u, 1.0f - cosf(light->angle));
+        arrival.wi = vec3_negate(frame_to_world(light->x, light->y, light->direction, cone));
+        arrival.distance = INFINITY;
+        arrival.irradiance = light->color;
+        return arrival;
+    }
+    Vec3 y = light->position;
+    Vec3 normal = light->direction;
+    if (light->kind == AMB_LIGHT_AREA) {
+        y = area_point(light, u);
+    } else if (light->radius > 0.0f) {
+        normal = vec3_normalize(vec3_sub(p, light->position));
+        y = disc_point(light, normal, u);
+    }
+    const Vec3 to_light = vec3_sub(y, p);
+    const float distance = vec3_length(to_light);
+    if (!(distance > 0.0f))
+        return arrival;
+    arrival.wi = vec3_scale(to_light, 1.0f / distance);
+    arrival.distance = distance;
+    const Vec3 d = vec3_negate(arrival.wi);
+    float scale = 1.0f / (distance * distance);
+    if (light->kind == AMB_LIGHT_AREA)
+        scale *= area_measure(light) * fmaxf(vec3_dot(d, normal), 0.0f);
+    else if (light->radius > 0.0f)
+        scale *= fmaxf(vec3_dot(d, normal), 0.0f);
+    if (light->kind == AMB_LIGHT_SPOT)
+        scale *= spot_factor(light, d);
+    arrival.irradiance = rgb_scale(light->color, scale);
+    return arrival;
+}
+
+typedef struct Cap {
+    Vec3 axis;
+    float one_minus_cos;
+} Cap;
+
+/* Smallest cap of directions from y that covers what the light can send at the target. */
+static Cap emission_cap(const LightEmission *emission, Vec3 y) {
+    const SceneLight *light = emission->light;
+    const Vec3 to_target = vec3_sub(emission->target, y);
+    const float distance = vec3_length(to_target);
+    const float reach = emission->target_radius + light->radius;
+    Cap cap = {vec3(0, 0, 1), 2.0f};
+    if (distance > reach) {
+        const float sine = reach / distance;
+        cap.axis = vec3_scale(to_target, 1.0f / distance);
+        /* 1 - cos by sin^2 / (1 + cos): no cancellation for a small, far target. */
+        cap.one_minus_cos = sine * sine / (1.0f + safe_sqrtf(1.0f - sine * sine));
+    }
+    if (light->kind == AMB_LIGHT_SPOT && 1.0f - light->cos_outer < cap.one_minus_cos)
+        cap = (Cap){light->direction, 1.0f - light->cos_outer};
+    return cap;
+}
+
+static Sample2 source_sample(const LightEmission *emission, uint64_t i) {
+    return sample_r2(i, emission->shift_u, emission->shift_v);
+}
+
+static LightRay emit_sun(const LightEmission *emission, uint64_t i, Sample2 lattice) {
+    const SceneLight *light = emission->light;
+    LightRay ray = {.d = light->direction};
+    Vec3 x = light->x, y = light->y;
+    if (light->angle > 0.0f) {
+        const Vec3 cone = sample_cap(source_sample(emission, i), 1.0f - cosf(light->angle));
+        ray.d = vec3_normalize(frame_to_world(light->x, light->y, light->direction, cone));
+        vec3_frame(ray.d, &x, &y);
+        ray.pairs[2].dd = vec3_scale(x, DISC_EXTENT * light->angle);
+        ray.pairs[3].dd = vec3_scale(y, DISC_EXTENT * light->angle);
+    }
+    const float radius = emission->target_radius;
+    const Sample2 disc = sample_disc(lattice);
+    ray.o = vec3_madd(emission->target, -emission->distance, ray.d);
+    ray.o = vec3_madd(vec3_madd(ray.o, radius * disc.u, x), radius * disc.v, y);
+    const float cell = AMB_PI * radius * radius / (float)emission->count;
+    ray.flux = rgb_scale(light->color, cell);
+    ray.pairs[0].dp = vec3_scale(x, sqrtf(cell));
+    ray.pairs[1].dp = vec3_scale(y, sqrtf(cell));
+    return ray;
+}
+
+LightRay light_emit(const LightEmission *emission, uint64_t i) {
+    const SceneLight *light = emission->light;
+    const Sample2 lattice = sample_fibonacci(i, emission->count, emission->shift_v);
+    if (light->kind == AMB_LIGHT_SUN)
+        return emit_sun(emission, i, lattice);
+
+    LightRay ray = {.o = light->position};
+    float scale = 1.0f;
+    if (light->kind == AMB_LIGHT_AREA) {
+        ray.o = area_point(light, source_sample(emission, i));
+        scale = area_measure(light);
+        const float extent = light->area_shape == AMB_AREA_ELLIPSE ? DISC_EXTENT : 2.0f;
+        ray.pairs[2].dp = vec3_scale(light->x, extent * light->size[0]);
+        ray.pairs[3].dp = vec3_scale(light->y, extent * light->size[1]);
+    }
+    const Cap cap = emission_cap(emission, ray.o);
+    Vec3 x, y;
+    vec3_frame(cap.axis, &x, &y);
+    ray.d = vec3_normalize(frame_to_world(x, y, cap.axis, sample_cap(lattice, cap.one_minus_cos)));
+    vec3_frame(ray.d, &x, &y);
+    if (light->kind == AMB_LIGHT_AREA) {
+        scale *= fmaxf(vec3_dot(ray.d, light->direction), 0.0f);
+    } else if (light->radius > 0.0f) {
+        /* The disc faces where the ray goes: the same intensity in every direction, and the same
+         * light as light_arrival's disc up to (radius / distance)^2. */
+        ray.o = disc_point(light, ray.d, source_sample(emission, i));
+        ray.pairs[2].dp = vec3_scale(x, DISC_EXTENT * light->radius);
+        ray.pairs[3].dp = vec3_scale(y, DISC_EXTENT * light->radius);
+    }
+    if (light->kind == AMB_LIGHT_SPOT)
+        scale *= spot_factor(light, ray.d);
+    const float cell = 2.0f * AMB_PI * cap.one_minus_cos / (float)emission->count;
+    ray.flux = rgb_scale(light->color, scale * cell);
+    ray.pairs[0].dd = vec3_scale(x, sqrtf(cell));
+    ray.pairs[1].dd = vec3_scale(y, sqrtf(cell));
+    return ray;
+}
+
+float light_power_towards(const LightEmission *emission) {
+    const SceneLight *light = emission->light;
+    const float color = rgb_mean(light->color);
+    if (light->kind == AMB_LIGHT_SUN)
+        return color * AMB_PI * emission->target_radius * emission->target_radius;
+    const Cap cap = emission_cap(emission, light->position);
+    const float area = light->kind == AMB_LIGHT_AREA ? area_measure(light) : 1.0f;
+    return color * area * 2.0f * AMB_PI * cap.one_minus_cos;
+}

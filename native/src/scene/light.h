@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Lights, from both ends: what arrives at a point, and rays that carry the flux away. */
+#ifndef AMB_SCENE_LIGHT_H
+#define AMB_SCENE_LIGHT_H
+
+#include <stdint.h>
+
+#include "math/sampling.h"
+#include "math/vec3.h"
+#include "optics/tangent.h"
+
+typedef struct SceneLight {
+    char *name;
+    uint32_t kind; /* AMB_LIGHT_* */
+    Rgb color;
+    Vec3 position;
+    Vec3 direction;  /* unit, of travel */
+    Vec3 x, y;       /* unit; with direction a frame. AREA: along its extents */
+    float radius;    /* POINT, SPOT */
+    float angle;     /* SUN: angular radius */
+    float cos_outer; /* SPOT: of half its size */
+    float spot_blend, spot_cosine;
+    float size[2]; /* AREA: half extents (half-axes of an ellipse) */
+    uint32_t area_shape;
+} SceneLight;
+
+typedef struct LightArrival {
+    Vec3 wi;        /* unit, from the point to the light */
+    float distance; /* m; infinite for a sun */
+    Rgb irradiance; /* on a plane perpendicular to wi, W/m^2, without occlusion */
+} LightArrival;
+
+/* One sample of what arrives at p, already divided by its pdf; u in [0,1)^2 picks the point of an
+ * extended light. */
+LightArrival light_arrival(const SceneLight *light, Vec3 p, Sample2 u);
+
+/* The family of rays that a light sends at a target sphere: `count` rays of equal solid angle (or
+ * area, for a sun) on a Fibonacci lattice over the cap (or disc) that covers the target. */
+typedef struct LightEmission {
+    const SceneLight *light;
+    Vec3 target;         /* centre of the sphere, world */
+    float target_radius; /* m */
+    float distance;      /* SUN: how far back rays start */
+    uint64_t count;
+    float shift_u, shift_v; /* of the lattice and of the source samples, from the seed */
+} LightEmission;
+
+typedef struct LightRay {
+    Vec3 o, d; /* d unit */
+    Rgb flux;  /* W that the ray stands for; black: not emitted */
+    TangentPair pairs[TANGENT_COUNT];
+} LightRay;
+
+/* Ray i < count. Sum over all rays of flux = flux of the light through the cap or disc. */
+LightRay light_emit(const LightEmission *emission, uint64_t i);
+
+/* Flux sent towards the target, W, mean of the channels: divides rays among lights and objects. */
+float light_power_towards(const LightEmission *emission);
+
+#endif

@@ -1,0 +1,298 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Placing meshes in the world, and asking rays about them. */
+#include "scene/scene.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+#include "math/mat4.h"
+
+static const uint32_t *corner_indices(const SceneMesh *mesh, uint64_t triangle) {
+    return mesh->triangles + 3 * triangle;
+}
+
+/* Six times the signed volume that the triangles enclose, seen from the mesh's own centre so that
+ * a mesh far from the origin keeps its digits. Positive: wound counter-clockwise from outside. */
+static double signed_volume(const SceneMesh *mesh, const Vec3 *positions, Vec3 center) {
+    double volume = 0.0;
+    for (uint64_t t = 0; t < mesh->triangle_count; ++t) {
+        const uint32_t *i = corner_indices(mesh, t);
+        const Vec3 a = vec3_sub(positions[i[0]], center);
+        const Vec3 b = vec3_sub(positions[i[1]], center);
+        const Vec3 c = vec3_sub(positions[i[2]], center);
+        volume += (double)vec3_dot(a, vec3_cross(b, c));
+    }
+    return volume;
+}
+
+static void bound_object(const SceneMesh *mesh, SceneObject *object) {
+    Vec3 low = vec3(INFINITY, INFINITY, INFINITY);
+    Vec3 high = vec3_negate(low);
+    for (uint64_t t = 0; t < 3 * mesh->triangle_count; ++t) {
+        const Vec3 p = object->positions[mesh->triangles[t]];
+        low = vec3_min(low, p);
+        high = vec3_max(high, p);
+    }
+    object->center = vec3_scale(vec3_add(low, high), 0.5f);
+    float radius2 = 0.0f;
+    for (uint64_t t = 0; t < 3 * mesh->triangle_count; ++t) {
+        const Vec3 d = vec3_sub(object->positions[mesh->triangles[t]], object->center);
+        radius2 = fmaxf(radius2, vec3_dot(d, d));
+    }
+    object->radius = sqrtf(radius2);
+}
+
+/* Shading normals in the world; a normal that is no direction becomes zero, which scene_surface
+ * replaces by the face's own. */
+static AmbStatus place_normals(const SceneMesh *mesh, SceneObject *object) {
+    const uint64_t count =
+        mesh->normal_domain == AMB_NORMALS_VERTEX ? mesh->vertex_count : 3 * mesh->triangle_count;
+    object->normals = memory_alloc_array(count, sizeof(Vec3));
+    if (object->normals == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for the normals of \"%s\"", object->name);
+    for (uint64_t i = 0; i < count; ++i) {
+        const Vec3 n = mat4_normal(object->to_world, mesh->normals[i]);
+        const float length = vec3_length(n);
+        const bool is_direction = isfinite(length) && length > 0.0f;
+        object->normals[i] = is_direction ? vec3_scale(n, 1.0f / length) : vec3(0, 0, 0);
+    }
+    return AMB_OK;
+}
+
+static AmbStatus place_object(AmbScene *scene, SceneObject *object) {
+    const SceneMesh *mesh = &scene->meshes[object->mesh];
+    /* One more vertex: Embree reads 16 bytes at each. */
+    object->positions = memory_alloc_array(mesh->vertex_count + 1, sizeof(Vec3));
+    if (object->positions == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory to place \"%s\"", object->name);
+    for (uint64_t i = 0; i < mesh->vertex_count; ++i) {
+        object->positions[i] = mat4_point(object->to_world, mesh->positions[i]);
+        if (!vec3_is_finite(object->positions[i]))
+            return status_fail(AMB_INVALID_ARGUMENT,
+                               "vertex %llu of \"%s\" is not finite in world space",
+                               (unsigned long long)i, object->name);
+    }
+    object->positions[mesh->vertex_count] = vec3(0, 0, 0);
+    if (mesh->normals != NULL)
+        AMB_TRY(place_normals(mesh, object));
+    bound_object(mesh, object);
+
+    object->is_boundary = false;
+    for (uint32_t i = 0; i < object->material_count && !object->is_boundary; ++i)
+        if (scene->materials[object->materials[i]].surface == AMB_SURFACE_DIELECTRIC) {
+            object->is_boundary = true;
+            object->inside = object->materials[i];
+        }
+    /* A mirroring transform turns the winding; what encloses negative volume is inside out.
+     * Shading normals follow the geometric side in scene_surface. */
+    object->is_flipped = signed_volume(mesh, object->positions, object->center) < 0.0;
+    return AMB_OK;
+}
+
+static void release_placement(SceneObject *object) {
+    memory_free(object->positions);
+    memory_free(object->normals);
+    object->positions = NULL;
+    object->normals = NULL;
+}
+
+static void bound_scene(AmbScene *scene) {
+    Vec3 low = vec3(INFINITY, INFINITY, INFINITY);
+    Vec3 high = vec3_negate(low);
+    for (uint32_t i = 0; i < scene->object_count; ++i) {
+        const SceneObject *object = &scene->objects[i];
+        const Vec3 r = vec3(object->radius, object->radius, object->radius);
+        low = vec3_min(low, vec3_sub(object->center, r));
+        high = vec3_max(high, vec3_add(object->center, r));
+    }
+    scene->center = vec3(0, 0, 0);
+    scene->radius = 0.0f;
+    if (scene->object_count > 0) {
+        scene->center = vec3_scale(vec3_add(low, high), 0.5f);
+        scene->radius = 0.5f * vec3_length(vec3_sub(high, low));
+    }
+}
+
+AmbStatus scene_commit(AmbScene *scene) {
+    if (!scene->has_camera)
+        return status_fail(AMB_INVALID_ARGUMENT, "the scene has no camera");
+    AmbStatus status = AMB_OK;
+    for (uint32_t i = 0; i < scene->object_count && status == AMB_OK; ++i)
+        status = place_object(scene, &scene->objects[i]);
+    if (status != AMB_OK) {
+        for (uint32_t i = 0; i < scene->object_count; ++i)
+            release_placement(&scene->objects[i]);
+        return status;
+    }
+    bound_scene(scene);
+    scene->is_committed = true;
+    return AMB_OK;
+}
+
+static AmbStatus build_intersector(AmbScene *scene, Job *job) {
+    Intersector *intersector = NULL;
+    AMB_TRY(intersector_create(job->thread_count, &intersector));
+    AmbStatus status = AMB_OK;
+    for (uint32_t i = 0; i < scene->object_count && status == AMB_OK; ++i) {
+        const SceneMesh *mesh = &scene->meshes[scene->objects[i].mesh];
+        status = intersector_add(intersector, scene->objects[i].positions, mesh->vertex_count,
+                                 mesh->triangles, mesh->triangle_count);
+    }
+    if (status == AMB_OK)
+        status = intersector_commit(intersector, job);
+    if (status != AMB_OK) {
+        intersector_destroy(intersector);
+        return status;
+    }
+    scene->intersector = intersector;
+    return AMB_OK;
+}
+
+AmbStatus scene_build(AmbScene *scene, Job *job) {
+    AmbStatus status = AMB_OK;
+    pthread_mutex_lock(&scene->build_lock);
+    if (!scene->is_built) {
+        status = build_intersector(scene, job);
+        scene->is_built = status == AMB_OK;
+    }
+    pthread_mutex_unlock(&scene->build_lock);
+    return status;
+}
+
+void scene_clear(AmbScene *scene) {
+    intersector_destroy(scene->intersector);
+    for (uint32_t i = 0; i < scene->material_count; ++i)
+        memory_free(scene->materials[i].name);
+    for (uint32_t i = 0; i < scene->mesh_count; ++i) {
+        SceneMesh *mesh = &scene->meshes[i];
+        memory_free(mesh->name);
+        memory_free(mesh->positions);
+        memory_free(mesh->triangles);
+        memory_free(mesh->normals);
+        memory_free(mesh->slots);
+    }
+    for (uint32_t i = 0; i < scene->object_count; ++i) {
+        release_placement(&scene->objects[i]);
+        memory_free(scene->objects[i].name);
+        memory_free(scene->objects[i].materials);
+    }
+    for (uint32_t i = 0; i < scene->light_count; ++i)
+        memory_free(scene->lights[i].name);
+    memory_free(scene->materials);
+    memory_free(scene->meshes);
+    memory_free(scene->objects);
+    memory_free(scene->lights);
+    memset(scene, 0, sizeof *scene);
+}
+
+uint64_t scene_bytes(const AmbScene *scene) {
+    uint64_t bytes = scene->intersector != NULL ? intersector_bytes(scene->intersector) : 0;
+    for (uint32_t i = 0; i < scene->mesh_count; ++i) {
+        const SceneMesh *mesh = &scene->meshes[i];
+        const uint64_t normals = mesh->normals == NULL ? 0
+                                 : mesh->normal_domain == AMB_NORMALS_VERTEX
+                                     ? mesh->vertex_count
+                                     : 3 * mesh->triangle_count;
+        bytes += (1 + mesh->user_count) * (mesh->vertex_count + normals) * sizeof(Vec3);
+        bytes += mesh->triangle_count * sizeof(uint32_t) * (mesh->slots != NULL ? 4 : 3);
+    }
+    return bytes;
+}
+
+bool scene_intersect(const AmbScene *scene, Vec3 p, Vec3 d, float t_max, Hit *out_hit) {
+    return intersector_nearest(scene->intersector, p, d, t_max, out_hit);
+}
+
+bool scene_is_occluded(const AmbScene *scene, Vec3 p, Vec3 d, float t_max) {
+    return intersector_any(scene->intersector, p, d, t_max);
+}
+
+typedef struct Triangle {
+    Vec3 p[3];
+    Vec3 n[3]; /* shading normals */
+    bool has_normals;
+} Triangle;
+
+static Triangle triangle_at(const AmbScene *scene, const Hit *hit) {
+    const SceneObject *object = &scene->objects[hit->geometry];
+    const SceneMesh *mesh = &scene->meshes[object->mesh];
+    const uint32_t *i = corner_indices(mesh, hit->triangle);
+    Triangle triangle;
+    triangle.has_normals = object->normals != NULL;
+    for (uint32_t k = 0; k < 3; ++k) {
+        triangle.p[k] = object->positions[i[k]];
+        if (triangle.has_normals)
+            triangle.n[k] =
+                object->normals[mesh->normal_domain == AMB_NORMALS_VERTEX ? i[k]
+                                                                          : 3 * hit->triangle + k];
+    }
+    return triangle;
+}
+
+static Vec3 interpolate(const Vec3 v[3], const Hit *hit) {
+    const float w = 1.0f - hit->u - hit->v;
+    return vec3_madd(vec3_madd(vec3_scale(v[0], w), hit->u, v[1]), hit->v, v[2]);
+}
+
+SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit) {
+    const SceneObject *object = &scene->objects[hit->geometry];
+    const SceneMesh *mesh = &scene->meshes[object->mesh];
+    const Triangle triangle = triangle_at(scene, hit);
+    const Vec3 e1 = vec3_sub(triangle.p[1], triangle.p[0]);
+    const Vec3 e2 = vec3_sub(triangle.p[2], triangle.p[0]);
+    SurfacePoint surface;
+    surface.p = interpolate(triangle.p, hit);
+    surface.ng = vec3_normalize(vec3_cross(e1, e2));
+    if (object->is_flipped)
+        surface.ng = vec3_negate(surface.ng);
+    surface.ns = surface.ng;
+    if (triangle.has_normals) {
+        const Vec3 n = interpolate(triangle.n, hit);
+        const float length = vec3_length(n);
+        const float side = vec3_dot(n, surface.ng);
+        /* Opposed to the face by winding alone, a smooth normal is still a good one. */
+        if (length > 0.0f && side != 0.0f)
+            surface.ns = vec3_scale(n, copysignf(1.0f / length, side));
+    }
+    uint32_t slot = mesh->slots != NULL ? mesh->slots[hit->triangle] : 0;
+    if (slot >= object->material_count)
+        slot = object->material_count - 1;
+    surface.material = &scene->materials[object->materials[slot]];
+    surface.object = hit->geometry;
+    return surface;
+}
+
+Vec3 scene_normal_derivative(const AmbScene *scene, const Hit *hit, Vec3 dp) {
+    const Triangle triangle = triangle_at(scene, hit);
+    if (!triangle.has_normals)
+        return vec3(0, 0, 0);
+    const Vec3 e1 = vec3_sub(triangle.p[1], triangle.p[0]);
+    const Vec3 e2 = vec3_sub(triangle.p[2], triangle.p[0]);
+    const Vec3 area = vec3_cross(e1, e2);
+    const float scale = 1.0f / vec3_dot(area, area);
+    const float du = vec3_dot(vec3_cross(dp, e2), area) * scale;
+    const float dv = vec3_dot(vec3_cross(e1, dp), area) * scale;
+    const Vec3 n = interpolate(triangle.n, hit);
+    const float length = vec3_length(n);
+    if (!(length > 0.0f))
+        return vec3(0, 0, 0);
+    Vec3 dn = vec3_scale(vec3_sub(triangle.n[1], triangle.n[0]), du);
+    dn = vec3_madd(dn, dv, vec3_sub(triangle.n[2], triangle.n[0]));
+    /* Of the normalised normal: the part along it only changes its length. */
+    const Vec3 unit = vec3_scale(n, 1.0f / length);
+    dn = vec3_scale(vec3_madd(dn, -vec3_dot(dn, unit), unit), 1.0f / length);
+    /* The sign that scene_surface gives the normal. */
+    Vec3 ng = area;
+    if (scene->objects[hit->geometry].is_flipped)
+        ng = vec3_negate(ng);
+    return vec3_dot(n, ng) < 0.0f ? vec3_negate(dn) : dn;
+}
+
+Vec3 scene_leave(const SurfacePoint *surface, Vec3 d) {
+    /* A few units in the last place of the largest coordinate: the error of interpolated
+     * positions (Waechter and Binder 2019), without their integer tricks. */
+    const Vec3 p = surface->p;
+    const float scale = fmaxf(fmaxf(fabsf(p.x), fabsf(p.y)), fabsf(p.z));
+    const float offset = copysignf(2e-6f * scale + 1e-12f, vec3_dot(d, surface->ng));
+    return vec3_madd(p, offset, surface->ng);
+}

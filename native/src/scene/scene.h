@@ -1,0 +1,105 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * What is rendered: meshes placed in the world, their materials, lights, a camera. Filled through
+ * the public interface, frozen by scene_commit, const afterwards. */
+#ifndef AMB_SCENE_SCENE_H
+#define AMB_SCENE_SCENE_H
+
+#include <pthread.h>
+
+#include "base/parallel.h"
+#include "math/vec3.h"
+#include "optics/medium.h"
+#include "scene/camera.h"
+#include "scene/intersect.h"
+#include "scene/light.h"
+
+typedef struct SceneMaterial {
+    char *name;
+    uint32_t surface; /* AMB_SURFACE_* */
+    Rgb albedo, emission;
+    Rgb transmit_color, reflect_color;
+    float ior;
+    Medium medium;
+} SceneMaterial;
+
+typedef struct SceneMesh {
+    char *name;
+    uint32_t normal_domain; /* AMB_NORMALS_* */
+    uint32_t user_count;    /* objects that place it */
+    uint64_t vertex_count, triangle_count;
+    Vec3 *positions;     /* object space */
+    uint32_t *triangles; /* (triangle_count, 3) */
+    Vec3 *normals;       /* per vertex or corner, or NULL */
+    uint32_t *slots;     /* per triangle, or NULL */
+} SceneMesh;
+
+typedef struct SceneObject {
+    char *name;
+    uint32_t mesh;
+    float to_world[16];
+    uint32_t *materials;
+    uint32_t material_count;
+    /* From here on set by scene_commit; world space. */
+    Vec3 *positions;
+    Vec3 *normals;    /* unit, per vertex or corner; NULL: flat */
+    bool is_flipped;  /* triangles wind the other way round: their normal is negated */
+    bool is_boundary; /* has at least one dielectric slot */
+    uint32_t inside;  /* material whose medium fills it (first dielectric slot) */
+    Vec3 center;      /* bounding sphere */
+    float radius;
+} SceneObject;
+
+struct AmbScene {
+    SceneMaterial *materials;
+    SceneMesh *meshes;
+    SceneObject *objects;
+    SceneLight *lights;
+    uint32_t material_count, mesh_count, object_count, light_count;
+    uint32_t material_room, mesh_room, object_room, light_room;
+    Rgb world;
+    SceneCamera camera;
+    bool has_camera;
+    bool is_committed;
+    Vec3 center;  /* bounding sphere of all objects */
+    float radius; /* 0: empty scene */
+    /* Built by the first render, under the lock; const once is_built. */
+    pthread_mutex_t build_lock;
+    bool is_built;
+    Intersector *intersector;
+};
+
+/* A point of a boundary, as needed to refract there. */
+typedef struct SurfacePoint {
+    Vec3 p;  /* world */
+    Vec3 ng; /* unit geometric normal, outward */
+    Vec3 ns; /* unit shading normal, same side as ng */
+    const SceneMaterial *material;
+    uint32_t object;
+} SurfacePoint;
+
+/* Transforms meshes to the world and freezes the scene. Errors name the object. */
+AmbStatus scene_commit(AmbScene *scene);
+
+/* Builds the ray accelerator if no render has done so yet. Cancellable. */
+AmbStatus scene_build(AmbScene *scene, Job *job);
+
+void scene_clear(AmbScene *scene);
+
+/* Bytes of geometry and accelerator. */
+uint64_t scene_bytes(const AmbScene *scene);
+
+/* The nearest surface along unit d from p in (0, t_max); false: none. */
+bool scene_intersect(const AmbScene *scene, Vec3 p, Vec3 d, float t_max, Hit *out_hit);
+
+/* Whether anything lies between. */
+bool scene_is_occluded(const AmbScene *scene, Vec3 p, Vec3 d, float t_max);
+
+SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit);
+
+/* Derivative of the shading normal at a hit for a displacement dp in the triangle's plane. */
+Vec3 scene_normal_derivative(const AmbScene *scene, const Hit *hit, Vec3 dp);
+
+/* A ray origin just off the surface on the side that d leaves to. */
+Vec3 scene_leave(const SurfacePoint *surface, Vec3 d);
+
+#endif
