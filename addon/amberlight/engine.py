@@ -8,6 +8,7 @@ that was begun ended; after a break, a result ended with cancel.
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import time
@@ -79,9 +80,13 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
         import_numpy()
         if loaded.is_replaced:
             messages.warn(str(loaded.path), "the library was replaced, restart Blender to use it")
-        started = time.perf_counter()
+        wall, cpu = time.perf_counter(), time.process_time()
         data = extract_scene(depsgraph, messages)
-        exported = time.perf_counter() - started
+        stage = {
+            "name": "export",
+            "cpu_s": time.process_time() - cpu,
+            "wall_s": time.perf_counter() - wall,
+        }
 
         settings = read_settings(scene)
         if self.is_preview:
@@ -96,21 +101,20 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
             if self.is_preview:
                 self.show(job)
                 return
-            self.finish(scene, layer, job, messages, exported)
+            self.finish(scene, layer, job, messages, stage)
 
     def finish(
-        self, scene: Any, layer: str, job: RenderJob, messages: ExportLog, exported: float
+        self, scene: Any, layer: str, job: RenderJob, messages: ExportLog, stage: dict[str, Any]
     ) -> None:
-        """Result, files, report and remarks of a complete render."""
+        """Files, result, report and remarks of a complete render."""
         report = job.render.report()
-        report.setdefault("stages", []).insert(
-            0, {"name": "export", "cpu_s": exported, "wall_s": exported}
-        )
-        self.write_files(scene, layer, job)
+        # The library knows nothing of the export: add what it took and what it could not follow.
+        report.setdefault("stages", []).insert(0, stage)
+        said = [{"text": line, "count": 1} for line in messages.lines()]
+        report["warnings"] = said + report.get("warnings", [])
+        self.write_files(scene, layer, job, report)
         self.show(job)
-        summary = reports.Summary(
-            reports.summary_lines(report), messages.lines() + reports.warning_lines(report)
-        )
+        summary = reports.Summary(reports.summary_lines(report), reports.warning_lines(report))
         reports.LAST[scene.name] = summary
         if bpy.app.background:
             for line in summary.lines:
@@ -160,7 +164,7 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
         finally:
             self.end_result(result, cancel=not is_shown)
 
-    def write_files(self, scene: Any, layer: str, job: RenderJob) -> None:
+    def write_files(self, scene: Any, layer: str, job: RenderJob, report: dict[str, Any]) -> None:
         """The EXR and the JSON report that the settings ask for."""
         names = [view_layer.name for view_layer in scene.view_layers if view_layer.use]
         index = names.index(layer) if layer in names else 0
@@ -176,9 +180,8 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
             if settings.exr_path:
                 job.render.write_exr(path_of(settings.exr_path), layer)
             if settings.report_path:
-                Path(path_of(settings.report_path)).write_text(
-                    job.render.report_text(), encoding="utf-8"
-                )
+                text = json.dumps(report, indent=1, ensure_ascii=False)
+                Path(path_of(settings.report_path)).write_text(text + "\n", encoding="utf-8")
         except OSError as error:
             raise AmberlightError(f"the render is complete but not written: {error}") from error
 

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Settings to parameters, reports to lines, names of files."""
+
+import pytest
+from amberlight import report as reports
+from amberlight.binding import _ffi
+from amberlight.export.export_log import ExportLog
+from amberlight.passes import PASSES
+from amberlight.render_job import Frame, Settings, ignored_settings, render_params
+
+SINGLE = _ffi.AMB_EFFECT_SINGLE_SCATTERING
+SURFACE = _ffi.AMB_EFFECT_SURFACE_REFLECTION
+BACKGROUND = _ffi.AMB_EFFECT_BACKGROUND
+
+
+def effects(**settings):
+    log = ExportLog()
+    params = render_params(Settings(**settings), Frame(4, 4), log)
+    return params["effects"], log.lines()
+
+
+def test_params_are_fields_of_the_struct():
+    names = {field[0] for field in _ffi.AmbRenderParams._fields_}
+    assert set(render_params(Settings(), Frame(4, 4), ExportLog())) == names - {"struct_size"}
+
+
+def test_automatic_effects():
+    assert effects() == (SINGLE | SURFACE | BACKGROUND, [])
+    # The booleans count only when the user chooses.
+    assert effects(use_background=False, use_double_scattering=True)[1] == []
+
+
+def test_manual_effects():
+    assert effects(effects="MANUAL", use_background=False)[0] == SINGLE | SURFACE
+    bits, lines = effects(
+        effects="MANUAL", use_double_scattering=True, use_multiple_scattering=True, accuracy=0.1
+    )
+    assert bits == SINGLE | SURFACE | BACKGROUND
+    assert lines == [
+        "accuracy is not available in this version, ignored",
+        "double scattering is not available in this version, ignored",
+        "multiple scattering is not available in this version, ignored",
+    ]
+
+
+def test_defaults_ignore_nothing():
+    assert ignored_settings(Settings()) == []
+
+
+def test_preview_budget():
+    limited = Settings(samples=100, light_samples=10).limited(4, 1000)
+    assert (limited.samples, limited.light_samples) == (4, 10)
+
+
+def test_passes():
+    assert [item.name for item in PASSES][:2] == ["Combined", "Depth"]
+    for item in PASSES:
+        assert len(item.channel_ids) == item.channels
+
+
+@pytest.mark.parametrize(
+    ("template", "index", "want"),
+    [
+        ("/a/b.exr", 0, "/a/b.exr"),
+        ("/a/b.exr", 1, "/a/b_Back_Layer.exr"),
+        ("/a/b_####.exr", 0, "/a/b_0012.exr"),
+        ("/a#/b#", 2, "/a#/b12_Back_Layer"),
+    ],
+)
+def test_output_path(template, index, want):
+    assert reports.output_path(template, 12, index, "Back Layer") == want
+
+
+def test_summary():
+    report = {
+        "width": 4, "height": 2, "samples": 8, "estimator": "POINTS_FIXED",
+        "effects": [
+            {"name": "single_scattering", "simulated": True, "reason": ""},
+            {"name": "background", "simulated": False, "reason": "the world is black"},
+        ],
+        "stages": [{"name": "light", "cpu_s": 2.0, "wall_s": 1.0}],
+        "memory": {"scene_bytes": 2**20, "peak_rss_bytes": 2**21},
+        "light": {"rays": 5, "volume_samples": 6},
+        "warnings": [{"text": "open mesh", "count": 3}],
+        "nonfinite": 2,
+    }  # fmt: skip
+    assert reports.summary_lines(report) == [
+        "4x2, 8 samples, estimator POINTS_FIXED",
+        "single scattering: simulated",
+        "background: skipped, the world is black",
+        "light: 1.00 s (2.00 CPU s)",
+        "memory: scene 1.0 MiB, peak rss 2.0 MiB",
+        "light: 5 rays, 6 volume samples",
+    ]
+    assert reports.warning_lines(report) == [
+        "open mesh (3 times)",
+        "2 values were not finite and were left out",
+    ]
+    assert reports.summary_lines({}) == reports.warning_lines({}) == []
+
+
+def test_joined_warning():
+    assert reports.joined_warning(["a: x"]) == "Remark: a: x"
+    assert reports.joined_warning(["a: x", "b"]) == "2 remarks: a: x; b"
+
+
+def test_log_collects():
+    log = ExportLog()
+    for name in ("A", "B", "A"):
+        log.warn(name, "hair is left out")
+    log.warn("", "nothing else")
+    assert log.lines() == ["hair is left out: A, B", "nothing else"]
