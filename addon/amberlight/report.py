@@ -23,13 +23,10 @@ LAST: dict[str, Summary] = {}
 
 def warning_lines(report: dict[str, Any]) -> list[str]:
     """The library's own warnings."""
-    lines = [
+    return [
         f"{item['text']} ({item['count']} times)" if item.get("count", 1) > 1 else item["text"]
         for item in report.get("warnings", ())
     ]
-    if report.get("nonfinite"):
-        lines.append(f"{report['nonfinite']} values were not finite and were left out")
-    return lines
 
 
 def summary_lines(report: dict[str, Any]) -> list[str]:

@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""F12. Where pixels land is seen with the stand-in, whose pixels are x + 1000 y."""
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def small(scene, camera):
+    scene.render.resolution_x, scene.render.resolution_y = 12, 8
+    scene.amberlight.samples = 2
+    scene.amberlight.light_samples = 2000
+    return scene
+
+
+def grid(width=12, height=8, x=0, y=0):
+    return (np.arange(x, x + width) + 1000.0 * np.arange(y, y + height)[:, None]).astype(np.float32)
+
+
+def test_pixels_land_in_their_places(small, fake_library, render_to):
+    small.view_layers[0].use_pass_z = True
+    channels = render_to()
+    names = {
+        **{f"Combined.{c}": 1 for c in "RGBA"},
+        **{f"{name}.{c}": 1 for name in ("Single Scattering", "Surface") for c in "RGB"},
+        "Depth.Z": 1,
+        "Frequency.X": 1,
+    }
+    for name in names:
+        assert np.array_equal(channels[f"ViewLayer.{name}"], grid()), name
+
+
+@pytest.mark.parametrize("crop", [False, True])
+def test_border(small, fake_library, render_to, crop):
+    render = small.render
+    render.use_border, render.use_crop_to_border = True, crop
+    render.border_min_x, render.border_max_x = 0.25, 0.75
+    render.border_min_y, render.border_max_y = 0.5, 0.875
+    image = render_to()["ViewLayer.Combined.R"]
+    want = grid(6, 3, 3, 4)
+    if crop:
+        assert np.array_equal(image, want)
+    else:
+        assert image.shape == (8, 12)
+        assert np.array_equal(image[4:7, 3:9], want)
+        assert not image[:4].any() and not image[:, :3].any()
+
+
+def test_all_small_borders(small, fake_library):
+    """Blender's rounding is ours: another rectangle would be an error."""
+    render = small.render
+    render.use_border = True
+    render.resolution_x = render.resolution_y = 10
+    for low in range(10):
+        for high in range(low + 1, 11):
+            render.border_min_x = render.border_min_y = low / 10
+            render.border_max_x = render.border_max_y = high / 10
+            assert bpy.ops.render.render() == {"FINISHED"}
+
+
+def test_resolution_percentage(small, fake_library, render_to):
+    small.render.resolution_percentage = 60
+    assert render_to()["ViewLayer.Combined.R"].shape == (4, 7)
+
+
+def test_two_view_layers(small, fake_library, render_to, tmp_path):
+    small.view_layers.new("Back Side")
+    small.amberlight.exr_path = str(tmp_path / "own.exr")
+    small.amberlight.report_path = str(tmp_path / "new folder" / "report.json")
+    channels = render_to()
+    for layer in ("ViewLayer", "Back Side"):
+        assert np.array_equal(channels[f"{layer}.Combined.R"], grid())
+    # One file for each layer, and the layer's name in it.
+    assert (tmp_path / "own.exr").read_text() == "ViewLayer"
+    assert (tmp_path / "own_Back_Side.exr").read_text() == "Back Side"
+    report = json.loads((tmp_path / "new folder" / "report.json").read_text())
+    assert report["stages"][0]["name"] == "export"
+    assert (tmp_path / "new folder" / "report_Back_Side.json").is_file()
+
+
+def test_unwritable_report(small, fake_library):
+    small.amberlight.report_path = "/proc/none/report.json"
+    with pytest.raises(RuntimeError, match="not written"):
+        bpy.ops.render.render()
+
+
+@pytest.mark.parametrize(
+    "setting", ["accuracy", "use_double_scattering", "use_multiple_scattering"]
+)
+def test_missing_effects_are_named(small, fake_library, setting, capfd):
+    from amberlight import report
+
+    small.amberlight.effects = "MANUAL"
+    setattr(small.amberlight, setting, 0.5 if setting == "accuracy" else True)
+    assert bpy.ops.render.render() == {"FINISHED"}
+    summary = report.LAST[small.name]
+    assert any("not available in this version, ignored" in line for line in summary.warnings)
+    assert 'mesh "A" is open (2 times)' in summary.warnings
+
+
+@pytest.mark.parametrize("estimator", ["TUBES", "SPECULAR"])
+def test_unavailable_estimator(small, fake_library, estimator):
+    small.amberlight.estimator = estimator
+    with pytest.raises(RuntimeError, match="not available in this version"):
+        bpy.ops.render.render()
+
+
+def test_threads_and_film_reach_the_library(small, fake_library, monkeypatch):
+    from amberlight import engine
+
+    seen = []
+    real = engine.render_params
+
+    def spy(settings, frame, log):
+        seen.append(frame)
+        return real(settings, frame, log)
+
+    monkeypatch.setattr(engine, "render_params", spy)
+    small.render.threads_mode, small.render.threads = "FIXED", 2
+    small.render.film_transparent = True
+    bpy.ops.render.render()
+    small.render.threads_mode = "AUTO"
+    bpy.ops.render.render()
+    assert [(frame.threads, frame.film_transparent) for frame in seen] == [(2, True), (0, True)]
+
+
+def test_internal_error_is_a_report(small, fake_library, monkeypatch):
+    """A bug of ours: an ERROR report, not a crash of Blender."""
+    from amberlight import engine
+
+    def broken(*args, **kwargs):
+        raise KeyError("surprise")
+
+    monkeypatch.setattr(engine, "extract_scene", broken)
+    with pytest.raises(RuntimeError, match="internal error: KeyError: 'surprise'"):
+        bpy.ops.render.render()
+
+
+def test_error_while_pixels_are_handed_over(small, fake_library, monkeypatch):
+    from amberlight import engine
+
+    def broken(*args):
+        raise TypeError("wrong shape")
+
+    monkeypatch.setattr(engine, "write_pixels", broken)
+    with pytest.raises(RuntimeError, match="wrong shape"):
+        bpy.ops.render.render()
+    monkeypatch.undo()
+
+
+def test_without_numpy(small, fake_library, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "numpy", None)
+    with pytest.raises(RuntimeError, match="install python3-numpy"):
+        bpy.ops.render.render()
+
+
+def test_animation_numbers_its_files(small, fake_library, tmp_path):
+    small.frame_end = 2
+    small.amberlight.exr_path = str(tmp_path / "own_##.exr")
+    small.render.filepath = str(tmp_path / "frame_")
+    bpy.ops.render.render(animation=True)
+    names = {path.name for path in tmp_path.glob("*.exr")}
+    assert names == {"own_01.exr", "own_02.exr"}
+
+
+# ---- The library itself --------------------------------------------------------------------------
+
+
+@pytest.fixture
+def ball(small):
+    """A scattering glass ball over a diffuse ground, lit by a spot."""
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4)
+    bpy.ops.object.shade_smooth()
+    bpy.ops.amberlight.new_translucent_material(preset="RESIN")
+    bpy.ops.mesh.primitive_plane_add(size=20, location=(0, 0, -1))
+    bpy.ops.object.light_add(type="SPOT", location=(0, 0, 5))
+    light = bpy.context.object.data
+    light.energy, light.shadow_soft_size = 1000, 0
+    small.render.resolution_x = small.render.resolution_y = 24
+    small.amberlight.samples = 2
+    small.amberlight.light_samples = 20000
+    return small
+
+
+def check(channels):
+    image = np.stack([channels[f"ViewLayer.Combined.{c}"] for c in "RGB"])
+    parts = [
+        np.stack([channels[f"ViewLayer.{name}.{c}"] for c in "RGB"])
+        for name in ("Single Scattering", "Surface")
+    ]
+    assert np.isfinite(image).all() and image.max() > 0
+    assert np.allclose(image, sum(parts), rtol=1e-4, atol=1e-6)
+    return image, parts
+
+
+def test_ball(ball, real_library, render_to):
+    _, (single, surface) = check(render_to())
+    # The medium glows in the middle, and only inside of the ball.
+    assert single[:, 12, 12].min() > 0 and surface.max() > 0
+    assert not single[:, 12, 0].any()
+
+
+def test_ball_orthographic(ball, real_library, render_to):
+    ball.camera.data.type, ball.camera.data.ortho_scale = "ORTHO", 4
+    _, (single, _) = check(render_to())
+    # The ball covers the middle half of the image.
+    assert single[:, 12, 7:17].min() > 0 and not single[:, 12, :5].any()
+
+
+def test_border_is_a_part_of_the_whole(ball, real_library, render_to):
+    whole = render_to("whole")["ViewLayer.Surface.G"]
+    render = ball.render
+    render.use_border = render.use_crop_to_border = True
+    render.border_min_x, render.border_max_x = 0.25, 0.75
+    render.border_min_y, render.border_max_y = 0.5, 1.0
+    part = render_to("part")["ViewLayer.Surface.G"]
+    assert np.array_equal(part, whole[12:, 6:18])
+
+
+def test_depth(ball, real_library, render_to):
+    ball.view_layers[0].use_pass_z = True
+    depth = render_to()["ViewLayer.Depth.Z"]
+    assert depth[12, 12] == pytest.approx(4.0, abs=0.05)
+    assert depth[23, 0] > 1e9
+
+
+def test_transparent_film(ball, real_library, render_to):
+    ball.render.film_transparent = True
+    channels = render_to()
+    assert channels["ViewLayer.Combined.A"][23, 0] == 0
+    assert channels["ViewLayer.Combined.A"][2, 12] == 1
+
+
+def test_empty_scene(small, real_library, render_to):
+    image = render_to()["ViewLayer.Combined.R"]
+    assert not image.any()
+
+
+def test_nan_in_a_mesh(ball, real_library, add_mesh):
+    add_mesh("Broken", [(0, 0, float("nan")), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    with pytest.raises(RuntimeError, match="Broken"):
+        bpy.ops.render.render()
+
+
+def test_cycles_and_back(ball, real_library, render_to):
+    """Both engines use Embree in one process."""
+    ours = render_to("first")["ViewLayer.Combined.G"]
+    if "cycles" not in dir(ball):
+        pytest.skip("no Cycles")
+    ball.render.engine = "CYCLES"
+    ball.cycles.samples = 1
+    assert bpy.ops.render.render() == {"FINISHED"}
+    ball.render.engine = "AMBERLIGHT"
+    assert np.array_equal(render_to("second")["ViewLayer.Combined.G"], ours)
+
+
+def test_own_exr_has_the_passes(ball, real_library, render_to, tmp_path):
+    ball.amberlight.exr_path = str(tmp_path / "own.exr")
+    render_to("blender")
+    data = (tmp_path / "own.exr").read_bytes()
+    assert data[:4] == b"\x76\x2f\x31\x01"
+    for name in (b"ViewLayer.Combined.R", b"ViewLayer.Frequency", b"amberlight:report"):
+        assert name in data
