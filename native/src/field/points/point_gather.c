@@ -1,16 +1,18 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * The inner loop of the point estimators. Built with AMB_POINT_GATHER set to the name of each
- * variant; every loop over POINT_LANES is free of branches so that the compiler makes it one
- * vector instruction per line. */
+ * The inner loop of the point estimators, eight samples at a time. Built once for each
+ * instruction set, with AMB_POINT_GATHER set to the name of the variant. */
 #include "field/points/point_gather.h"
 
-#include <string.h>
+#include "math/lanes.h"
 
 #if !defined(AMB_POINT_GATHER)
 #error "AMB_POINT_GATHER names the variant"
 #endif
 
-enum { STACK_MAX = 256 };
+_Static_assert((int)POINT_LANES == (int)LANE_COUNT, "a block fills one vector");
+
+/* Depth of the tree over 2^28 blocks is 10 nodes, each leaves at most 7 siblings waiting. */
+enum { STACK_MAX = 128 };
 
 /* sin^2 below which a ray and a sample count as parallel: the chord is then as long as the sample
  * anyway, and dividing by less would overflow. */
@@ -23,153 +25,126 @@ typedef struct Query {
 } Query;
 
 typedef struct Sums {
-    float radiance[3][POINT_LANES];
-    float frequency[POINT_LANES];
+    Lanes radiance[3];
+    Lanes frequency;
 } Sums;
 
-/* exp(x) for x <= 0 by 2^(n + f), relative error below 3e-7; below -87 it is 0. */
-static inline float exp_negative(float x) {
-    const float y = (x < -87.0f ? -87.0f : x) * 1.44269504f;
-    const float n = (float)(int)(y - 0.5f); /* rounds to nearest, for y <= 0 */
-    const float f = (y - n) * 0.693147181f; /* in [-0.35, 0.35] */
-    float p = 1.0f / 720.0f;
-    p = p * f + 1.0f / 120.0f;
-    p = p * f + 1.0f / 24.0f;
-    p = p * f + 1.0f / 6.0f;
-    p = p * f + 0.5f;
-    p = p * f + 1.0f;
-    p = p * f + 1.0f;
-    const int32_t bits = ((int32_t)n + 127) << 23;
-    float scale;
-    memcpy(&scale, &bits, sizeof scale);
-    return x < -87.0f ? 0.0f : p * scale;
+typedef struct Lanes3 {
+    Lanes x, y, z;
+} Lanes3;
+
+static inline Lanes3 load3(const float v[3][LANE_COUNT]) {
+    return (Lanes3){lanes_load(v[0]), lanes_load(v[1]), lanes_load(v[2])};
 }
 
-static inline float lesser(float a, float b) {
-    return a < b ? a : b;
-}
-static inline float greater(float a, float b) {
-    return a > b ? a : b;
+static inline Lanes dot3(Lanes3 a, Lanes3 b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
 /* Bit i is set where child i's box meets the segment. */
 static inline uint32_t boxes_hit(const PointNode *node, const Query *q) {
-    int32_t hit[POINT_LANES];
-    for (int i = 0; i < POINT_LANES; ++i) {
-        float near = 0.0f, far = q->length;
-        for (int a = 0; a < 3; ++a) {
-            const float t0 = (node->low[a][i] - q->o[a]) * q->inverse[a];
-            const float t1 = (node->high[a][i] - q->o[a]) * q->inverse[a];
-            near = greater(near, lesser(t0, t1));
-            far = lesser(far, greater(t0, t1));
-        }
-        hit[i] = near <= far ? 1 : 0;
+    Lanes near = lanes_set(0.0f), far = lanes_set(q->length);
+    for (int a = 0; a < 3; ++a) {
+        const Lanes t0 = (lanes_load(node->low[a]) - q->o[a]) * q->inverse[a];
+        const Lanes t1 = (lanes_load(node->high[a]) - q->o[a]) * q->inverse[a];
+        near = lanes_max(near, lanes_min(t0, t1));
+        far = lanes_min(far, lanes_max(t0, t1));
     }
-    uint32_t mask = 0;
-    for (int i = 0; i < POINT_LANES; ++i)
-        mask |= (uint32_t)hit[i] << i;
-    return mask;
+    return lanes_bits(near <= far);
+}
+
+/* Sum over the lobes of sigma_s p(cos), 1/(m sr), in one channel after the other. */
+static inline void scattering(const Medium *medium, Lanes cosine, Lanes out[3]) {
+    out[0] = out[1] = out[2] = lanes_set(0.0f);
+    for (uint32_t l = 0; l < medium->lobe_count; ++l) {
+        const MediumLobe *lobe = &medium->lobes[l];
+        const float g = lobe->g;
+        /* phase_hg, with the light turning from w to -d. */
+        const Lanes denominator = (1.0f + g * g) + (2.0f * g) * cosine;
+        const Lanes p =
+            ((1.0f - g * g) / (4.0f * AMB_PI)) / (denominator * lanes_sqrt(denominator));
+        out[0] += lobe->sigma_s.r * p;
+        out[1] += lobe->sigma_s.g * p;
+        out[2] += lobe->sigma_s.b * p;
+    }
 }
 
 /* Adds what the samples of a block send along the segment. */
 static inline void gather_block(const PointBlock *block, const Medium *medium, const Query *q,
                                 Sums *sums) {
-    float cross[3][POINT_LANES], sin2[POINT_LANES], miss[POINT_LANES];
-    for (int i = 0; i < POINT_LANES; ++i) {
-        /* Distance of the two lines is |delta . m| / |m| with m = d x w: no cancellation however
-         * far the segment starts. */
-        const float wx = block->direction[0][i], wy = block->direction[1][i],
-                    wz = block->direction[2][i];
-        cross[0][i] = q->d[1] * wz - q->d[2] * wy;
-        cross[1][i] = q->d[2] * wx - q->d[0] * wz;
-        cross[2][i] = q->d[0] * wy - q->d[1] * wx;
-        sin2[i] = greater(cross[0][i] * cross[0][i] + cross[1][i] * cross[1][i] +
-                              cross[2][i] * cross[2][i],
-                          SIN2_MIN);
-        const float side = (q->o[0] - block->origin[0][i]) * cross[0][i] +
-                           (q->o[1] - block->origin[1][i]) * cross[1][i] +
-                           (q->o[2] - block->origin[2][i]) * cross[2][i];
-        miss[i] = side * side - block->radius2[i] * sin2[i];
-    }
-    float nearest = miss[0];
-    for (int i = 1; i < POINT_LANES; ++i)
-        nearest = lesser(nearest, miss[i]);
-    if (!(nearest < 0.0f))
+    const Lanes3 w = load3(block->direction);
+    const Lanes3 d = {lanes_set(q->d[0]), lanes_set(q->d[1]), lanes_set(q->d[2])};
+    const Lanes3 delta = {q->o[0] - lanes_load(block->origin[0]),
+                          q->o[1] - lanes_load(block->origin[1]),
+                          q->o[2] - lanes_load(block->origin[2])};
+    const Lanes radius2 = lanes_load(block->radius2);
+    /* Distance of the two lines is |delta . m| / |m| with m = d x w: no cancellation however far
+     * the segment starts. */
+    const Lanes3 m = {d.y * w.z - d.z * w.y, d.z * w.x - d.x * w.z, d.x * w.y - d.y * w.x};
+    const Lanes sin2 = lanes_max(dot3(m, m), lanes_set(SIN2_MIN));
+    const Lanes side = dot3(delta, m);
+    if (lanes_bits(side * side < radius2 * sin2) == 0)
         return;
 
-    float scatter[3][POINT_LANES], cosine[POINT_LANES];
-    memset(scatter, 0, sizeof scatter);
-    for (int i = 0; i < POINT_LANES; ++i)
-        cosine[i] = q->d[0] * block->direction[0][i] + q->d[1] * block->direction[1][i] +
-                    q->d[2] * block->direction[2][i];
-    for (uint32_t l = 0; l < medium->lobe_count; ++l) {
-        const MediumLobe lobe = medium->lobes[l];
-        for (int i = 0; i < POINT_LANES; ++i) {
-            /* Light turns from w to -d. */
-            const float p = phase_hg(-cosine[i], lobe.g);
-            scatter[0][i] += lobe.sigma_s.r * p;
-            scatter[1][i] += lobe.sigma_s.g * p;
-            scatter[2][i] += lobe.sigma_s.b * p;
-        }
-    }
+    /* Range of t between the end caps and inside the segment; s(t) = along + c t. */
+    const Lanes c = dot3(d, w);
+    const Lanes along = dot3(delta, w);
+    const Lanes zero = lanes_set(0.0f);
+    const Lanes steep =
+        lanes_select(c < 0.0f, lanes_min(c, lanes_set(-1e-12f)), lanes_max(c, lanes_set(1e-12f)));
+    const Lanes inverse_c = 1.0f / steep;
+    const Lanes cap0 = (lanes_load(block->low) - along) * inverse_c;
+    const Lanes cap1 = (lanes_load(block->high) - along) * inverse_c;
+    const Lanes first = lanes_max(zero, lanes_min(cap0, cap1));
+    const Lanes last = lanes_min(lanes_set(q->length), lanes_max(cap0, cap1));
 
+    /* From the point of that range that is nearest to the axis (exactly or nearly), squared
+     * distance is C + 2 B tau + sin2 tau^2 with small numbers only. */
+    const Lanes inverse_sin2 = 1.0f / sin2;
+    const Lanes closest = (along * c - dot3(delta, d)) * inverse_sin2;
+    const Lanes start = lanes_max(first, lanes_min(last, closest));
+    const Lanes3 e = {delta.x + start * d.x, delta.y + start * d.y, delta.z + start * d.z};
+    const Lanes s = dot3(e, w);
+    const Lanes3 b = {e.x - s * w.x, e.y - s * w.y, e.z - s * w.z};
+    const Lanes B = dot3(b, d);
+    const Lanes inside = radius2 - dot3(b, b);
+    const Lanes discriminant = B * B + sin2 * inside;
+    const Lanes root = lanes_sqrt(lanes_max(discriminant, zero));
+    const Lanes begin = lanes_max((-B - root) * inverse_sin2, first - start);
+    const Lanes end = lanes_min((root - B) * inverse_sin2, last - start);
+    const LaneMask is_hit = (discriminant > 0.0f) & (end > begin);
+    if (lanes_bits(is_hit) == 0)
+        return;
+    /* A lane that misses gets a chord of no length: its huge or undefined numbers must not meet a
+     * zero later, infinity * 0 is not 0. */
+    const Lanes half = lanes_select(is_hit, 0.5f * (end - begin), zero);
+    const Lanes middle = lanes_select(is_hit, 0.5f * (end + begin), zero);
+    const Lanes from = lanes_select(is_hit, start, zero);
+    const Lanes above = lanes_select(is_hit, s, zero);
+
+    /* Epanechnikov kernel K = 2/(pi R^2) (1 - r^2/R^2), integrated with the attenuation by two
+     * Gauss points: exact for K times a linear function of t. */
+    const Lanes offset = half * 0.577350269f;
+    const Lanes tau0 = middle - offset, tau1 = middle + offset;
+    const Lanes k0 = inside - tau0 * (2.0f * B + tau0 * sin2);
+    const Lanes k1 = inside - tau1 * (2.0f * B + tau1 * sin2);
+    const Lanes weight = half * lanes_load(block->normalization);
+    /* Attenuation from the sample's origin to the point and on to the segment's start. What a
+     * kernel adds before the ray's entry (see points.c) has travelled no distance yet. */
+    const Lanes path0 = -(from + tau0 + lanes_max(above + c * tau0, zero));
+    const Lanes path1 = -(from + tau1 + lanes_max(above + c * tau1, zero));
+    Lanes scatter[3];
+    scattering(medium, c, scatter);
     const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
-    for (int i = 0; i < POINT_LANES; ++i) {
-        const float c = cosine[i];
-        const float wx = block->direction[0][i], wy = block->direction[1][i],
-                    wz = block->direction[2][i];
-        const float dx = q->o[0] - block->origin[0][i], dy = q->o[1] - block->origin[1][i],
-                    dz = q->o[2] - block->origin[2][i];
-        const float along = dx * wx + dy * wy + dz * wz;
-        /* Range of t between the end caps and inside the segment; s(t) = along + c t. */
-        const float slow = c < 0.0f ? lesser(c, -1e-12f) : greater(c, 1e-12f);
-        const float cap0 = (block->low[i] - along) / slow;
-        const float cap1 = (block->high[i] - along) / slow;
-        const float first = greater(0.0f, lesser(cap0, cap1));
-        const float last = lesser(q->length, greater(cap0, cap1));
-        /* From the point of that range that is nearest to the axis (exactly or nearly), squared
-         * distance is C + 2 B tau + sin2 tau^2 with small numbers only. */
-        const float closest = -(dx * q->d[0] + dy * q->d[1] + dz * q->d[2] - along * c) / sin2[i];
-        const float origin = greater(first, lesser(last, closest));
-        const float ex = dx + origin * q->d[0], ey = dy + origin * q->d[1],
-                    ez = dz + origin * q->d[2];
-        const float s = ex * wx + ey * wy + ez * wz;
-        const float bx = ex - s * wx, by = ey - s * wy, bz = ez - s * wz;
-        const float B = bx * q->d[0] + by * q->d[1] + bz * q->d[2];
-        const float inside = block->radius2[i] - (bx * bx + by * by + bz * bz);
-        const float discriminant = B * B + sin2[i] * inside;
-        const float root = sqrtf(greater(discriminant, 0.0f));
-        const float begin = greater((-B - root) / sin2[i], first - origin);
-        const float end = lesser((-B + root) / sin2[i], last - origin);
-        const float half = 0.5f * (end - begin);
-        /* Epanechnikov kernel K = 2/(pi R^2) (1 - r^2/R^2), integrated with the attenuation by
-         * two Gauss points: exact for K times a linear function of t. */
-        const float middle = 0.5f * (end + begin);
-        const float offset = half * 0.577350269f;
-        const float tau0 = middle - offset, tau1 = middle + offset;
-        const float k0 = inside - tau0 * (2.0f * B + tau0 * sin2[i]);
-        const float k1 = inside - tau1 * (2.0f * B + tau1 * sin2[i]);
-        const bool is_hit = discriminant > 0.0f && half > 0.0f && block->radius2[i] > 0.0f;
-        const float r2 = is_hit ? block->radius2[i] : 1.0f;
-        const float weight = is_hit ? half * 2.0f / (AMB_PI * r2 * r2) : 0.0f;
-        /* Attenuation from the sample's origin to the point and on to the segment's start. What a
-         * kernel adds before the ray's entry (see SLOPE_MAX) has travelled no distance yet. */
-        const float path0 = origin + tau0 + greater(s + c * tau0, 0.0f);
-        const float path1 = origin + tau1 + greater(s + c * tau1, 0.0f);
-        float total = 0.0f;
-        for (int a = 0; a < 3; ++a) {
-            const float e0 = exp_negative(-sigma_t[a] * path0);
-            const float e1 = exp_negative(-sigma_t[a] * path1);
-            const float value = weight * (k0 * e0 + k1 * e1) * scatter[a][i] * block->flux[a][i];
-            sums->radiance[a][i] += value;
-            total += value;
-        }
-        sums->frequency[i] += total * block->frequency[i];
+    Lanes total = zero;
+    for (int a = 0; a < 3; ++a) {
+        const Lanes e0 = lanes_exp_negative(sigma_t[a] * path0);
+        const Lanes e1 = lanes_exp_negative(sigma_t[a] * path1);
+        const Lanes value = weight * (k0 * e0 + k1 * e1) * scatter[a] * lanes_load(block->flux[a]);
+        sums->radiance[a] += lanes_select(is_hit, value, zero);
+        total += lanes_select(is_hit, value, zero);
     }
-}
-
-static float sum_lanes(const float v[POINT_LANES]) {
-    return ((v[0] + v[1]) + (v[2] + v[3])) + ((v[4] + v[5]) + (v[6] + v[7]));
+    sums->frequency += total * lanes_load(block->frequency);
 }
 
 FieldRadiance AMB_POINT_GATHER(const PointTree *tree, const Medium *medium, Vec3 o, Vec3 d,
@@ -180,8 +155,8 @@ FieldRadiance AMB_POINT_GATHER(const PointTree *tree, const Medium *medium, Vec3
         const float component = fabsf(q.d[a]) < 1e-20f ? copysignf(1e-20f, q.d[a]) : q.d[a];
         q.inverse[a] = 1.0f / component;
     }
-    Sums sums;
-    memset(&sums, 0, sizeof sums);
+    const Lanes zero = lanes_set(0.0f);
+    Sums sums = {{zero, zero, zero}, zero};
     int32_t stack[STACK_MAX];
     int depth = 0;
     stack[depth++] = 0;
@@ -199,8 +174,8 @@ FieldRadiance AMB_POINT_GATHER(const PointTree *tree, const Medium *medium, Vec3
     }
     FieldRadiance out;
     out.radiance =
-        rgb(sum_lanes(sums.radiance[0]), sum_lanes(sums.radiance[1]), sum_lanes(sums.radiance[2]));
-    out.frequency = sum_lanes(sums.frequency) / 3.0f;
+        rgb(lanes_sum(sums.radiance[0]), lanes_sum(sums.radiance[1]), lanes_sum(sums.radiance[2]));
+    out.frequency = lanes_sum(sums.frequency) / 3.0f;
     out.contribution = rgb_mean(out.radiance);
     return out;
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "math/sampling.h"
 
 typedef struct Item {
     float center[3];
@@ -160,6 +161,11 @@ static Box empty_box(void) {
     return (Box){vec3(INFINITY, INFINITY, INFINITY), vec3(-INFINITY, -INFINITY, -INFINITY)};
 }
 
+/* At infinity on all axes: no segment meets it, whichever way its slabs are ordered. */
+static Box unused_box(void) {
+    return (Box){vec3(INFINITY, INFINITY, INFINITY), vec3(INFINITY, INFINITY, INFINITY)};
+}
+
 static Box fill_block(const Builder *builder, uint64_t block) {
     PointBlock *out = &builder->tree->blocks[block];
     memset(out, 0, sizeof *out);
@@ -176,7 +182,9 @@ static Box fill_block(const Builder *builder, uint64_t block) {
         out->direction[2][lane] = s->direction.z;
         out->low[lane] = s->low;
         out->high[lane] = s->high;
-        out->radius2[lane] = s->radius * s->radius;
+        const float radius2 = s->radius * s->radius;
+        out->radius2[lane] = radius2;
+        out->normalization[lane] = 2.0f / (AMB_PI * radius2 * radius2);
         out->flux[0][lane] = s->flux.r;
         out->flux[1][lane] = s->flux.g;
         out->flux[2][lane] = s->flux.b;
@@ -198,7 +206,7 @@ static void set_child(PointNode *node, uint32_t lane, Box box, int32_t child) {
 
 static Box node_box(const PointNode *node) {
     Box box = empty_box();
-    for (int i = 0; i < POINT_LANES; ++i) {
+    for (int i = 0; i < POINT_LANES && node->child[i] != 0; ++i) {
         const Box child = {vec3(node->low[0][i], node->low[1][i], node->low[2][i]),
                            vec3(node->high[0][i], node->high[1][i], node->high[2][i])};
         box = box_union(box, child);
@@ -215,7 +223,7 @@ static uint32_t child_tasks(const Builder *builder, const Task *task, Task out[P
     uint64_t block = task->first_block;
     for (uint32_t i = 0; i < POINT_LANES; ++i) {
         if (i >= count) {
-            set_child(node, i, empty_box(), 0);
+            set_child(node, i, unused_box(), 0);
             continue;
         }
         out[i] = (Task){next_node, block, sizes[i]};

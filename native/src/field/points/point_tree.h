@@ -17,17 +17,18 @@ typedef struct PointSample {
     float frequency;        /* factor in [0,1] */
 } PointSample;
 
-/* Eight samples side by side; unused lanes have radius 0 and are never hit. */
+/* Eight samples side by side; unused lanes are all zero and never hit. */
 typedef struct PointBlock {
     float origin[3][POINT_LANES];
     float direction[3][POINT_LANES];
     float low[POINT_LANES], high[POINT_LANES];
     float radius2[POINT_LANES];
+    float normalization[POINT_LANES]; /* 2 / (pi R^4) of the kernel, m^-4 */
     float flux[3][POINT_LANES];
     float frequency[POINT_LANES];
 } PointBlock;
 
-/* child >= 0: node; child < 0: block ~child. Unused children have an empty box. */
+/* child > 0: node; child < 0: block ~child; 0: unused, as are all after it. */
 typedef struct PointNode {
     float low[3][POINT_LANES];
     float high[3][POINT_LANES];
