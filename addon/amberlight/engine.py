@@ -95,11 +95,11 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
         params = render_params(settings, frame, messages)
         with RenderJob(loaded, data, params) as job:
             del data  # The library has its own copy.
-            if not job.run(_Poll(self, job, layer, self.is_preview)):
-                self.end_result(self.begin(job), cancel=True)
+            if not job.run(_Poll(self, job, layer)):
+                self.end_result(self.begin(job, layer), cancel=True)
                 return
             if self.is_preview:
-                self.show(job)
+                self.show(job, layer)
                 return
             self.finish(scene, layer, job, messages, stage)
 
@@ -113,7 +113,7 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
         said = [{"text": line, "count": 1} for line in messages.lines()]
         report["warnings"] = said + report.get("warnings", [])
         self.write_files(scene, layer, job, report)
-        self.show(job)
+        self.show(job, layer)
         summary = reports.Summary(reports.summary_lines(report), reports.warning_lines(report))
         reports.LAST[scene.name] = summary
         if bpy.app.background:
@@ -137,16 +137,16 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
         threads = render.threads if render.threads_mode == "FIXED" else 0
         return Frame(width, height, crop, threads, render.film_transparent)
 
-    def begin(self, job: RenderJob) -> Any:
+    def begin(self, job: RenderJob, layer: str) -> Any:
         # Blender counts from the corner of the border, if there is one.
-        return self.begin_result(0, 0, *job.render.size)
+        return self.begin_result(0, 0, *job.render.size, layer=layer)
 
-    def show(self, job: RenderJob) -> None:
-        """Hands the pixels of all passes to Blender."""
+    def show(self, job: RenderJob, layer: str) -> None:
+        """Hands the pixels of all passes of the view layer to Blender."""
         for item in PASSES:
             if not item.is_builtin:
-                self.add_pass(item.name, item.channels, item.channel_ids)
-        result = self.begin(job)
+                self.add_pass(item.name, item.channels, item.channel_ids, layer=layer)
+        result = self.begin(job, layer)
         is_shown = False
         try:
             width, height = job.render.size
@@ -187,11 +187,6 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
 
     # ---- Viewport --------------------------------------------------------------------------------
 
-    def __del__(self) -> None:
-        viewport = getattr(self, "viewport", None)
-        if viewport:
-            viewport.close()
-
     def view_update(self, context: Any, depsgraph: Any) -> None:
         if self.viewport is None:
             self.viewport = Viewport()
@@ -216,13 +211,10 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
 class _Poll:
     """Called on the way through a render: progress and text out, a break in."""
 
-    def __init__(
-        self, engine: AmberlightRenderEngine, job: RenderJob, layer: str, is_preview: bool
-    ) -> None:
+    def __init__(self, engine: AmberlightRenderEngine, job: RenderJob, layer: str) -> None:
         self.engine = engine
         self.job = job
         self.layer = layer
-        self.is_preview = is_preview
         self.stage = ""
         self.shown_samples = 0
         self.shown_at = time.perf_counter()
@@ -232,12 +224,12 @@ class _Poll:
         engine.update_progress(progress.fraction)
         engine.update_stats("", f"{self.layer} | {progress.stage}: {progress.detail}")
         if bpy.app.background:
-            if progress.stage != self.stage and not self.is_preview:
+            if progress.stage != self.stage and not engine.is_preview:
                 say(f'view layer "{self.layer}", {progress.stage} {progress.detail}'.rstrip())
-        elif progress.samples_done > self.shown_samples and not self.is_preview:
+        elif progress.samples_done > self.shown_samples and not engine.is_preview:
             now = time.perf_counter()
             if now - self.shown_at > DISPLAY_SECONDS and progress.fraction < 1.0:
-                engine.show(self.job)
+                engine.show(self.job, self.layer)
                 self.shown_samples = progress.samples_done
                 self.shown_at = time.perf_counter()
         self.stage = progress.stage

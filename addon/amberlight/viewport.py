@@ -29,11 +29,9 @@ class Viewport:
         self.shown_samples = 0
         self.texture: Any = None
 
-    def close(self) -> None:
-        if self.job:
-            self.job.close()
-        self.job = None
-        self.texture = None
+    def __del__(self) -> None:
+        # Goes with its engine, which Blender has already taken apart by then.
+        self.stop()
 
     def update(self, engine: Any, context: Any, depsgraph: Any) -> None:
         """The scene changed: export it anew."""

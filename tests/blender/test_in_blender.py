@@ -117,7 +117,7 @@ def test_exit_code_of_a_render(render, fake_library):
 
 
 BAD = {
-    "no camera": ("scene.camera = None", "the scene has no camera"),
+    "no camera": ("scene.camera = None", "Cannot render, no camera"),
     "no mesh that is finite": (
         "ball.data.vertices[0].co.x = math.nan",
         'a position of mesh "Icosphere" is not finite',
