@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Runs the C tests, one module or all: amb_test [MODULE]. */
+#include "test.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+static unsigned long checks, failures;
+static const char *running = "";
+
+void test_check(bool is_true, const char *file, int line, const char *format, ...) {
+    ++checks;
+    if (is_true)
+        return;
+    ++failures;
+    printf("%s:%d: in %s: ", file, line, running);
+    va_list arguments;
+    va_start(arguments, format);
+    vprintf(format, arguments);
+    va_end(arguments);
+    putchar('\n');
+}
+
+void test_run(const char *name, void (*function)(void)) {
+    running = name;
+    function();
+}
+
+/* X(module): test_module in test_module.c; the same list as in tests/CMakeLists.txt. */
+#define MODULE_LIST(X) X(covariance)
+
+#define DECLARE(name) void test_##name(void);
+MODULE_LIST(DECLARE)
+
+#define ENTRY(name) {#name, test_##name},
+static const struct {
+    const char *name;
+    void (*run)(void);
+} modules[] = {MODULE_LIST(ENTRY)};
+
+int main(int argc, char **argv) {
+    bool is_found = false;
+    for (size_t i = 0; i < sizeof modules / sizeof modules[0]; ++i)
+        if (argc < 2 || strcmp(argv[1], modules[i].name) == 0) {
+            is_found = true;
+            modules[i].run();
+        }
+    if (!is_found) {
+        fprintf(stderr, "no module \"%s\"\n", argv[1]);
+        return 2;
+    }
+    printf("%lu checks, %lu failures\n", checks, failures);
+    return failures > 0 ? 1 : 0;
+}
