@@ -18,7 +18,7 @@ def bumps(d: common.Point) -> common.Point:
 
 
 scene = common.start((512, 512), samples=16, adjoint_normals=False)
-common.set_view(scene, "Filmic", 5.0)
+common.set_view(scene, "Standard", 5.0)
 common.set_world((0, 0, 0))
 
 vertices, triangles = common.icosphere(5)

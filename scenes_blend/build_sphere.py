@@ -8,7 +8,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import common
 
 scene = common.start((512, 512), samples=16, adjoint_normals=False)
-common.set_view(scene, "Filmic", 5.0)
+common.set_view(scene, "Standard", 5.0)
 common.set_world((0, 0, 0))
 
 vertices, triangles = common.icosphere(5)

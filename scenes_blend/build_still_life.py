@@ -64,11 +64,11 @@ def disc(radius: float, bottom: float, top: float, bevel: float, around: int) ->
 
 scene = common.start((640, 480), samples=16)
 common.set_view(scene, "Filmic", 0.0)
-common.set_world((0.012, 0.014, 0.02))
+common.set_world((0.07, 0.08, 0.1))
 
-amber = common.translucent("Amber", (0.55, 0.5, 0.42), (0.03, 0.32, 1.6), g=0.6, ior=1.54)
-jade = common.translucent("Jade", (1.0, 1.3, 1.1), (1.3, 0.18, 0.75), g=0.4, ior=1.6)
-stone = common.diffuse("Stone", (0.11, 0.105, 0.1))
+amber = common.translucent("Amber", (0.6, 0.5, 0.4), (0.04, 0.55, 2.6), g=0.6, ior=1.54)
+jade = common.translucent("Jade", (3.2, 3.8, 3.3), (2.2, 0.15, 0.9), g=0.2, ior=1.6)
+stone = common.diffuse("Stone", (0.2, 0.17, 0.15))
 plaster = common.diffuse("Plaster", (0.5, 0.45, 0.4))
 
 common.add_object("Sweep", sweep(), stone)
@@ -89,15 +89,15 @@ ring.matrix_world = (
 )  # fmt: skip
 
 spot = common.bpy.data.lights.new("Back light", "SPOT")
-spot.energy = 6000
+spot.energy = 9000
 spot.color = (1.0, 0.93, 0.82)
-spot.spot_size = 0.9
-spot.spot_blend = 0.4
+spot.spot_size = 1.1
+spot.spot_blend = 1.0
 spot.shadow_soft_size = 0
 common.aim(
-    common.link(common.bpy.data.objects.new("Back light", spot)), (-3.4, 3.6, 5.2), (0.0, 0.0, 0.9)
+    common.link(common.bpy.data.objects.new("Back light", spot)), (-5.0, 2.6, 4.6), (0.0, 0.0, 0.8)
 )
 
-common.add_point_light("Fill", (4.5, -4.0, 4.0), intensity=12).data.color = (0.8, 0.9, 1.0)
-common.add_camera((0.3, -7.4, 2.5), target=(0.05, 0.0, 1.0), horizontal_angle=32)
+common.add_point_light("Fill", (5.0, -4.5, 6.0), intensity=70).data.color = (0.75, 0.87, 1.0)
+common.add_camera((0.5, -9.0, 3.0), target=(0.1, 0.0, 1.05), horizontal_angle=33)
 common.save("still_life.blend")
