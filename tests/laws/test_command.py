@@ -70,7 +70,7 @@ def test_render_writes_picture_passes_and_report(tmp_path: Path) -> None:
         ("samples=0", "samples=0: not between 1 and "),
         ("use_background=perhaps", "use_background=perhaps: neither true nor false"),
         ("estimator=LUCK", 'enum "LUCK" not found'),
-        ("scene.render.resolution=4", "do you mean resolution_x"),
+        ("scene.render.resolution=4", "do you mean resolution_"),
     ],
 )
 def test_wrong_setting_is_one_sentence(tmp_path: Path, setting: str, expected: str) -> None:

@@ -108,7 +108,7 @@ def imports(path: Path) -> set[str]:
     return found
 
 
-BLENDER_MODULES = {"bpy", "bgl", "gpu", "mathutils", "bpy_extras", "bl_ui", "blf"}
+BLENDER_MODULES = {"bpy", "bgl", "gpu", "gpu_extras", "mathutils", "bpy_extras", "bl_ui", "blf"}
 
 
 def test_binding_knows_no_blender() -> None:
