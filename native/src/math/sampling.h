@@ -31,7 +31,9 @@ static inline Sample2 sample_r2(uint64_t i, float su, float sv) {
 static inline Sample2 sample_fibonacci(uint64_t i, uint64_t n, float shift) {
     const uint64_t turn = i * 0x9e3779b97f4a7c15u; /* 2^64 / golden ratio */
     const float v = (float)(turn >> 40) * 0x1p-24f + shift;
-    return (Sample2){(float)(((double)i + 0.5) / (double)n), v - floorf(v)};
+    /* Among more than 2^24 points the last ones would round to 1. */
+    const float u = fminf((float)(((double)i + 0.5) / (double)n), 0x1.fffffep-1f);
+    return (Sample2){u, v - floorf(v)};
 }
 
 /* Unit disc; pdf = 1/pi per unit area. */
