@@ -5,6 +5,7 @@
 
 #include <math.h>
 #include <stdbool.h>
+#include <stdint.h>
 
 /* Counts one check; on failure prints where, what and the message. Never stops the test. */
 void test_check(bool is_true, const char *file, int line, const char *format, ...)
@@ -22,6 +23,14 @@ void test_check(bool is_true, const char *file, int line, const char *format, ..
 
 /* The expression returns that status. */
 #define ENSURE_STATUS(expression, expected) ENSURE_NEAR((expression), (expected), 0)
+
+/* Uniform in [from, to) (splitmix64); *state is the seed and moves on. */
+double test_uniform(uint64_t *state, double from, double to);
+
+/* The larger error; unlike fmax, not a number is the largest of all and stays. */
+static inline double test_worse(double worst, double error) {
+    return isnan(worst) || worst >= error ? worst : error;
+}
 
 /* Runs a static void function of this file; its name is printed before its first failure. */
 #define RUN(function) test_run(#function, function)

@@ -22,13 +22,21 @@ void test_check(bool is_true, const char *file, int line, const char *format, ..
     putchar('\n');
 }
 
+double test_uniform(uint64_t *state, double from, double to) {
+    uint64_t z = (*state += 0x9e3779b97f4a7c15u);
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
+    z ^= z >> 31;
+    return from + (to - from) * ((double)(z >> 11) * 0x1p-53);
+}
+
 void test_run(const char *name, void (*function)(void)) {
     running = name;
     function();
 }
 
 /* X(module): test_module in test_module.c; the same list as in tests/CMakeLists.txt. */
-#define MODULE_LIST(X) X(covariance)
+#define MODULE_LIST(X) X(base) X(covariance) X(optics)
 
 #define DECLARE(name) void test_##name(void);
 MODULE_LIST(DECLARE)
