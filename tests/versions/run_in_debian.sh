@@ -73,6 +73,7 @@ prepare() {
     fi
     cp -L -- /etc/resolv.conf "$chroot/etc/resolv.conf"
     cp -L -- /etc/hosts "$chroot/etc/hosts"
+    ln -sfn -- /proc/self/mounts "$chroot/etc/mtab"
     host_apt_settings >"$chroot/etc/apt/apt.conf.d/90host"
     if [[ $suite != bookworm && ! -e $chroot/.packages-ready ]]; then
         say "$suite: packages"
