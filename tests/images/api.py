@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,9 +45,11 @@ class Medium:
 
 @dataclass(frozen=True)
 class Image:
-    """``pixels``: (height, width, channels) float32, row 0 = top; ``report``: the library's own."""
+    """``pixels``: (height, width, channels) float32, row 0 = top; ``cover``: (height, width), the
+    part of each pixel's samples that hit something; ``report``: the library's own."""
 
     pixels: NDArray[np.float32]
+    cover: NDArray[np.float32]
     report: dict[str, Any]
 
 
@@ -56,18 +58,22 @@ def rgb(value: ArrayLike) -> list[float]:
     return [float(v) for v in np.broadcast_to(np.asarray(value, dtype=np.float64), 3)]
 
 
-def add_body(scene: handles.Scene, mesh: Mesh, medium: Medium, name: str = "body") -> None:
-    """A dielectric object at the origin."""
+def add_body(
+    scene: handles.Scene, mesh: Mesh, medium: Medium, black: NDArray[np.bool_] | None = None
+) -> None:
+    """A dielectric object at the origin; the triangles in ``black`` absorb instead."""
     material = scene.add_material(
-        name,
+        "body",
         surface=_ffi.AMB_SURFACE_DIELECTRIC,
         ior=medium.ior,
         sigma_a=rgb(medium.sigma_a),
         lobes=[(rgb(medium.sigma_s), medium.g)],
     )
+    absorber = scene.add_material("black", surface=_ffi.AMB_SURFACE_DIFFUSE, albedo=rgb(0))
     domain = _ffi.AMB_NORMALS_NONE if mesh.normals is None else _ffi.AMB_NORMALS_VERTEX
-    shape = scene.add_mesh(name, mesh.positions, mesh.triangles, mesh.normals, domain)
-    scene.add_object(name, shape, np.eye(4).tolist(), [material])
+    slots = None if black is None else black.astype(np.uint32)
+    shape = scene.add_mesh("body", mesh.positions, mesh.triangles, mesh.normals, domain, slots)
+    scene.add_object("body", shape, np.eye(4).tolist(), [material, absorber])
 
 
 def add_sun(scene: handles.Scene, direction: ArrayLike, irradiance: ArrayLike = 1.0) -> None:
@@ -161,6 +167,7 @@ def render(
         "light_bounces": 0,
         "camera_bounces": 0,
         "adjoint_normals": 0,
+        "film_transparent": 1,
         "samples": 1,
         "width": width,
         "height": height,
@@ -170,7 +177,9 @@ def render(
         scene.commit()
         with scene.start(**settings) as job:
             job.wait()
-            image = Image(job.read_pass(name)[::-1].copy(), job.report())
+            pixels = job.read_pass(name)[::-1].copy()
+            cover = job.read_pass("Combined")[::-1, :, 3].copy()
+            image = Image(pixels, cover, job.report())
     # A number that is not finite must have been counted where it was born, and then it is a bug.
     assert image.report["nonfinite"] == 0
     assert np.all(np.isfinite(image.pixels))
@@ -180,13 +189,3 @@ def render(
 def radiance(build: BuildScene, size: int = 1, **params: Any) -> NDArray[np.float64]:
     """Mean of the single-scattering pass over the image, RGB."""
     return render(build, size, **params).pixels.astype(np.float64).mean(axis=(0, 1))
-
-
-def scene_of(*parts: tuple[Callable[..., None], Sequence[Any]]) -> BuildScene:
-    """A builder from (function, arguments after the scene) pairs."""
-
-    def build(scene: handles.Scene) -> None:
-        for function, arguments in parts:
-            function(scene, *arguments)
-
-    return build

@@ -94,12 +94,16 @@ class Slab:
         source = albedo * phase * self.irradiance * out_l * transmitted
         return float(source / (self.n**2 * (mu_l + mu_c)) * -np.expm1(-depth))
 
-    def radiance_all_reflections(self) -> float:
-        """Single scattering with every internal reflection, before and after the event."""
+    def radiance_all_reflections(self, light: bool = True, camera: bool = True) -> float:
+        """Single scattering with every internal reflection before (``light``) and after the event.
+
+        Without reflections on either side it is ``radiance``.
+        """
         out_l, out_c, mu_l, mu_c = self._cosines()
         sigma_t, tau = self.sigma_t, self.sigma_t * self.thickness
         albedo = self.sigma_s / sigma_t
-        r_l, r_c = fresnel(mu_l, self.n, 1), fresnel(mu_c, self.n, 1)
+        r_l = fresnel(mu_l, self.n, 1) if light else 0.0
+        r_c = fresnel(mu_c, self.n, 1) if camera else 0.0
         a_l, a_c = np.exp(-tau / mu_l), np.exp(-tau / mu_c)
         series_l, series_c = 1 / (1 - (r_l * a_l) ** 2), 1 / (1 - (r_c * a_c) ** 2)
         sines = np.sqrt((1 - mu_l**2) * (1 - mu_c**2))

@@ -49,6 +49,8 @@ def test_slab_numbers() -> None:
     assert Slab(g=0.5).radiance() == pytest.approx(0.0022881357, abs=5e-11)
     full = Slab(g=0.5).radiance_all_reflections()
     assert full == pytest.approx(0.00459842323, abs=5e-12)
+    none = Slab(g=0.5).radiance_all_reflections(light=False, camera=False)
+    assert none == pytest.approx(Slab(g=0.5).radiance(), rel=1e-12)
 
 
 def test_matched_sphere_backscatter_and_forward() -> None:
