@@ -32,8 +32,10 @@ from .viewport import Viewport
 
 log = logging.getLogger("amberlight")
 
-PREVIEW_SAMPLES = 4
-PREVIEW_LIGHT_SAMPLES = 50_000
+PREVIEW_SAMPLES = 8
+PREVIEW_LIGHT_SAMPLES = 20_000
+# A preview shows what it has after this time, if every pixel has a sample.
+PREVIEW_SECONDS = 1.0
 # Seconds between pictures of an unfinished render in the user interface.
 DISPLAY_SECONDS = 1.0
 
@@ -95,13 +97,16 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
         params = render_params(settings, frame, messages)
         with RenderJob(loaded, data, params) as job:
             del data  # The library has its own copy.
-            if not job.run(_Poll(self, job, layer)):
+            if not job.run(_Poll(self, job, layer), self.is_enough):
                 self.end_result(self.begin(job, layer), cancel=True)
-                return
-            if self.is_preview:
+            elif self.is_preview:
                 self.show(job, layer)
-                return
-            self.finish(scene, layer, job, messages, stage)
+            else:
+                self.finish(scene, layer, job, messages, stage)
+
+    def is_enough(self, progress: Progress) -> bool:
+        is_late = progress.elapsed > PREVIEW_SECONDS and progress.samples_done > 0
+        return self.is_preview and is_late
 
     def finish(
         self, scene: Any, layer: str, job: RenderJob, messages: ExportLog, stage: dict[str, Any]

@@ -61,6 +61,11 @@ def new_translucent_material(preset: str) -> bpy.types.Material:
     return material
 
 
+def active_object(context: Any) -> Any:
+    """The object of the editor, or the active one where there is no editor, as in a timer."""
+    return getattr(context, "object", None) or context.view_layer.objects.active
+
+
 class AMBERLIGHT_OT_new_translucent_material(bpy.types.Operator):
     bl_idname = "amberlight.new_translucent_material"
     bl_label = "New Translucent Material"
@@ -75,11 +80,11 @@ class AMBERLIGHT_OT_new_translucent_material(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: Any) -> bool:
-        active = context.object
+        active = active_object(context)
         return active is not None and hasattr(active.data, "materials")
 
     def execute(self, context: Any) -> set[str]:
-        active = context.object
+        active = active_object(context)
         material = new_translucent_material(self.preset)
         if active.material_slots:
             active.material_slots[active.active_material_index].material = material

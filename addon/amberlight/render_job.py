@@ -149,15 +149,25 @@ class RenderJob:
         self.render.close()
         self.scene.close()
 
-    def run(self, poll: Callable[[Progress], bool]) -> bool:
-        """Until the end, calling `poll` on the way; its False cancels. True if the render is
-        complete, False if it was cancelled; raises the render's error."""
+    def run(
+        self,
+        poll: Callable[[Progress], bool],
+        is_enough: Callable[[Progress], bool] = lambda progress: False,
+    ) -> bool:
+        """Until the end, calling `poll` on the way; its False cancels.
+
+        True if there is a picture: the render is complete, or `is_enough` of it is done, which
+        then goes on until the job is closed. False if it was cancelled; raises its error.
+        """
         ended = False
         while not ended:
             try:
                 ended = self.render.wait(POLL_SECONDS)
             except AmbCancelled:
                 return False
-            if not poll(self.render.progress()) and not ended:
+            progress = self.render.progress()
+            if not poll(progress) and not ended:
                 self.render.cancel()
+            elif is_enough(progress):
+                return True
         return True

@@ -176,6 +176,14 @@ def test_job_cancels(fake):
     assert time.perf_counter() - start < 5.0
 
 
+def test_job_stops_when_it_is_enough(fake):
+    """An endless render whose first sample will do: there is a picture, and closing ends it."""
+    settings = Settings(samples=100_000)
+    with RenderJob(fake, scene_data(), params(settings)) as job:
+        assert job.run(lambda progress: True, lambda progress: progress.samples_done > 0)
+        assert job.render.read_pass("Combined").shape == (4, 8, 4)
+
+
 def test_job_frees_after_a_bad_scene(fake):
     broken = np.full_like(TRIANGLE, np.inf)
     with pytest.raises(errors.AmbArgumentError, match='"Tri" is not finite'):
