@@ -190,3 +190,23 @@ def test_interrupt_of_the_real_library(start, tmp_path):
 def real_library():
     override = os.environ.get("AMBERLIGHT_LIBRARY")
     return Path(override or ROOT / "addon" / "amberlight" / "lib" / "libamberlight.so")
+
+
+def test_window(start, fake_library):
+    """Viewport, panels and F12 in a Blender with a window."""
+    if shutil.which("xvfb-run") is None:
+        pytest.skip("no xvfb-run")
+    process = start(
+        "--python", HERE / "window_script.py", library=fake_library, background=False,
+        wrap=["xvfb-run", "-a", "-s", "-screen 0 1280x1024x24"],
+    )  # fmt: skip
+    try:
+        output, _ = process.communicate(timeout=100)
+    except subprocess.TimeoutExpired:
+        process.terminate()
+        output, _ = process.communicate()
+    for line in ("first", "moved", "changed", "orthographic", "renders 1", "the end"):
+        assert f"SAW {line}\n" in output, output
+    # A panel that fails to draw says so here.
+    assert "Traceback" not in output and "rna_uiItemR" not in output, output
+    assert process.returncode == 0, output

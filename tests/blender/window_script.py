@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Run in a Blender with a window by test_in_blender.py: rendered mode, a moved view, a changed
+scene, every tab of the properties and a final render; says what it saw."""
+
+import os
+import traceback
+
+import bpy
+from amberlight import engine, viewport
+from amberlight.operators import new_translucent_material
+
+seen = {"draws": [], "previews": 0, "renders": 0}
+steps = []
+
+
+def say(text):
+    print(f"SAW {text}", flush=True)
+
+
+def step(function):
+    steps.append(function)
+    return function
+
+
+def window():
+    return bpy.context.window_manager.windows[0]
+
+
+def area(kind):
+    return next(area for area in window().screen.areas if area.type == kind)
+
+
+def watch():
+    draw, render = viewport.Viewport.draw, engine.AmberlightRenderEngine._render
+
+    def draw_and_note(self, *arguments):
+        draw(self, *arguments)
+        seen["draws"].append((id(self.job), self.shown_samples))
+
+    def render_and_note(self, depsgraph):
+        render(self, depsgraph)
+        seen["previews" if self.is_preview else "renders"] += 1
+
+    viewport.Viewport.draw = draw_and_note
+    engine.AmberlightRenderEngine._render = render_and_note
+
+
+def has_drawn(name):
+    """Waits for a picture in the viewport."""
+
+    def look():
+        if not any(samples for _, samples in seen["draws"]):
+            return False
+        say(name)
+        seen["draws"].clear()
+        return True
+
+    return look
+
+
+def tab(context, active):
+    """Shows a tab; which tabs there are Blender decides when it draws the active object."""
+
+    def show():
+        bpy.context.view_layer.objects.active = bpy.data.objects[active]
+        try:
+            area("PROPERTIES").spaces[0].context = context
+        except TypeError:
+            area("PROPERTIES").tag_redraw()
+            return False
+        say(f"tab {context} of {active}")
+        return True
+
+    return show
+
+
+@step
+def rendered_mode():
+    scene = bpy.context.scene
+    scene.render.engine = "AMBERLIGHT"
+    scene.render.resolution_x = scene.render.resolution_y = 16
+    cube = bpy.data.objects["Cube"]
+    cube.data.materials[0] = new_translucent_material("RESIN")
+    area("VIEW_3D").spaces[0].shading.type = "RENDERED"
+
+
+steps.append(has_drawn("first"))
+
+
+@step
+def move_the_view():
+    area("VIEW_3D").spaces[0].region_3d.view_distance *= 0.5
+
+
+steps.append(has_drawn("moved"))
+
+
+@step
+def change_the_scene():
+    bpy.data.objects["Cube"].location.z += 0.5
+
+
+steps.append(has_drawn("changed"))
+
+
+@step
+def orthographic():
+    area("VIEW_3D").spaces[0].region_3d.view_perspective = "ORTHO"
+
+
+steps.append(has_drawn("orthographic"))
+
+
+@step
+def final_render():
+    with bpy.context.temp_override(window=window()):
+        bpy.ops.render.render()
+    say(f"renders {seen['renders']}")
+
+
+for name in ("RENDER", "OUTPUT", "VIEW_LAYER", "WORLD", "OBJECT", "MATERIAL"):
+    steps.append(tab(name, "Cube"))
+steps += [tab("DATA", "Light"), tab("DATA", "Camera")]
+
+
+@step
+def end():
+    say("the end")
+    os._exit(0)
+
+
+def tick():
+    """One step; a step that answers False is tried again."""
+    try:
+        if steps[0]() is not False:
+            steps.pop(0)
+    except Exception:
+        traceback.print_exc()
+        os._exit(1)
+    return 0.3
+
+
+watch()
+bpy.app.timers.register(tick, first_interval=1.0)
