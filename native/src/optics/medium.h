@@ -25,7 +25,11 @@ typedef struct Medium {
  * cos_theta is between the directions of travel before and after (forward = +1), hence the minus
  * sign; the form with wi and wo both pointing away from the vertex has a plus. Pure. */
 static inline float phase_hg(float cos_theta, float g) {
-    const float d = 1.0f + g * g - 2.0f * g * cos_theta;
+    /* 1 + g^2 - 2 g cos as a sum of squares: near the peak of a sharp lobe the plain form is a
+     * difference of equal numbers, zero or less. */
+    const float a = fabsf(g);
+    const float away = fmaxf(1.0f - copysignf(cos_theta, g * cos_theta), 0.0f);
+    const float d = (1.0f - a) * (1.0f - a) + 2.0f * a * away;
     return (1.0f - g * g) / (4.0f * AMB_PI * d * sqrtf(d));
 }
 
