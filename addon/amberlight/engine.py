@@ -83,21 +83,26 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
         if loaded.is_replaced:
             messages.warn(str(loaded.path), "the library was replaced, restart Blender to use it")
         wall, cpu = time.perf_counter(), time.process_time()
-        data = extract_scene(depsgraph, messages)
+        data = extract_scene(depsgraph, messages, camera=self.camera_override)
         stage = {
             "name": "export",
             "cpu_s": time.process_time() - cpu,
             "wall_s": time.perf_counter() - wall,
         }
 
-        settings = read_settings(scene)
+        # The evaluated scene has the values of animated settings.
+        settings = read_settings(depsgraph.scene_eval)
         if self.is_preview:
             settings = settings.limited(PREVIEW_SAMPLES, PREVIEW_LIGHT_SAMPLES)
+        if scene.render.use_motion_blur:
+            messages.warn(f'scene "{scene.name}"', "motion blur is ignored")
+        if scene.render.use_multiview:
+            messages.warn(f'scene "{scene.name}"', "stereoscopy is ignored")
         frame = self.frame(scene)
         params = render_params(settings, frame, messages)
         with RenderJob(loaded, data, params) as job:
             del data  # The library has its own copy.
-            if not job.run(_Poll(self, job, layer), self.is_enough):
+            if not job.run(_Poll(self, job, scene, layer), self.is_enough):
                 self.end_result(self.begin(job, layer), cancel=True)
             elif self.is_preview:
                 self.show(job, layer)
@@ -123,9 +128,14 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
         reports.LAST[scene.name] = summary
         if bpy.app.background:
             for line in summary.lines:
-                say(f'view layer "{layer}", {line}')
+                say(f"{self.prefix(scene, layer)}{line}")
         if summary.warnings:
             self.report({"WARNING"}, f"Amberlight: {reports.joined_warning(summary.warnings)}")
+
+    @staticmethod
+    def prefix(scene: Any, layer: str) -> str:
+        """Names the view layer where there are several."""
+        return f'view layer "{layer}", ' if len(layer_names(scene)) > 1 else ""
 
     def frame(self, scene: Any) -> Frame:
         render = scene.render
@@ -171,7 +181,7 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
 
     def write_files(self, scene: Any, layer: str, job: RenderJob, report: dict[str, Any]) -> None:
         """The EXR and the JSON report that the settings ask for."""
-        names = [view_layer.name for view_layer in scene.view_layers if view_layer.use]
+        names = layer_names(scene)
         index = names.index(layer) if layer in names else 0
         settings = scene.amberlight
 
@@ -216,10 +226,13 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
 class _Poll:
     """Called on the way through a render: progress and text out, a break in."""
 
-    def __init__(self, engine: AmberlightRenderEngine, job: RenderJob, layer: str) -> None:
+    def __init__(
+        self, engine: AmberlightRenderEngine, job: RenderJob, scene: Any, layer: str
+    ) -> None:
         self.engine = engine
         self.job = job
         self.layer = layer
+        self.prefix = engine.prefix(scene, layer)
         self.stage = ""
         self.shown_samples = 0
         self.shown_at = time.perf_counter()
@@ -230,7 +243,7 @@ class _Poll:
         engine.update_stats("", f"{self.layer} | {progress.stage}: {progress.detail}")
         if bpy.app.background:
             if progress.stage != self.stage and not engine.is_preview:
-                say(f'view layer "{self.layer}", {progress.stage} {progress.detail}'.rstrip())
+                say(f"{self.prefix}{progress.stage}: {progress.detail}")
         elif progress.samples_done > self.shown_samples and not engine.is_preview:
             now = time.perf_counter()
             if now - self.shown_at > DISPLAY_SECONDS and progress.fraction < 1.0:
@@ -239,6 +252,11 @@ class _Poll:
                 self.shown_at = time.perf_counter()
         self.stage = progress.stage
         return not engine.test_break()
+
+
+def layer_names(scene: Any) -> list[str]:
+    """The view layers that are rendered, in order."""
+    return [layer.name for layer in scene.view_layers if layer.use]
 
 
 def write_pixels(target: Any, pixels: Any) -> None:

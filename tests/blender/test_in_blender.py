@@ -163,7 +163,7 @@ def interrupted(start, tmp_path, script, **options):
     path = tmp_path / "scene.py"
     path.write_text(SCENE + script)
     process = start("--python", path, "-o", tmp_path / "image", "-F", "PNG", "-f", 1, **options)
-    wait_for(process, "Amberlight: view layer")
+    wait_for(process, "Amberlight: ")
     process.send_signal(signal.SIGINT)
     begin = time.perf_counter()
     process.communicate(timeout=60)

@@ -20,21 +20,19 @@ CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}
 UNSUPPORTED = {"VOLUME", "POINTCLOUD", "CURVES", "GPENCIL", "GREASEPENCIL"}
 
 
-def extract_scene(depsgraph: Any, log: ExportLog, *, with_camera: bool = True) -> SceneData:
-    """All that is rendered of the depsgraph's view layer."""
+def extract_scene(
+    depsgraph: Any, log: ExportLog, *, with_camera: bool = True, camera: Any = None
+) -> SceneData:
+    """All that is rendered of the depsgraph's view layer, seen from `camera` or the scene's own."""
     exporter = _Exporter(depsgraph, log)
     scene = depsgraph.scene_eval
     if with_camera:
-        camera = scene.camera
+        camera = camera or scene.camera
         exporter.data.camera = read_camera(
             camera.evaluated_get(depsgraph) if camera else None, scene.render
         )
     exporter.objects()
     exporter.data.world = read_world(scene.world, exporter.version, log)
-    if depsgraph.view_layer_eval.material_override:
-        log.warn(
-            f'view layer "{depsgraph.view_layer_eval.name}"', "the material override is ignored"
-        )
     return exporter.data
 
 
@@ -47,6 +45,8 @@ class _Exporter:
         # Pointers are only compared while the depsgraph is evaluated, which keeps them alive.
         self.mesh_ids: dict[tuple[int, bool], int | None] = {}
         self.material_ids: dict[int, int] = {}
+        self.shapes: dict[tuple[int, int], tuple[int, tuple[int, ...]] | None] = {}
+        self.material_override = depsgraph.view_layer_eval.material_override
 
     def objects(self) -> None:
         # Blender hands over the mesh of a curve, text or surface as an instance of its own, and
@@ -82,13 +82,24 @@ class _Exporter:
         if not abs(matrix.to_3x3().determinant()) > 0.0:
             self.log.warn(where, "an object scaled to zero is left out")
             return
+        # Instances are many, their shapes few; geometry nodes give one object several.
+        key = (placed.original.as_pointer(), placed.data.as_pointer() if placed.data else 0)
+        if key not in self.shapes:
+            self.shapes[key] = self.shape(placed, where)
+        shape = self.shapes[key]
+        if shape:
+            self.data.objects.append(
+                ObjectData(placed.name, shape[0], matrix_rows(matrix), shape[1])
+            )
+
+    def shape(self, placed: Any, where: str) -> tuple[int, tuple[int, ...]] | None:
+        """Mesh and materials of an object; None if there is nothing to see."""
         self.check_object(placed, where)
         slots = self.slots(placed)
         mesh = self.mesh(placed, len(slots) > 1)
         if mesh is None:
-            return
-        materials = tuple(self.material(slot, where) for slot in slots)
-        self.data.objects.append(ObjectData(placed.name, mesh, matrix_rows(matrix), materials))
+            return None
+        return mesh, tuple(self.material(slot, where) for slot in slots)
 
     def check_object(self, placed: Any, where: str) -> None:
         for system in placed.particle_systems:
@@ -99,10 +110,11 @@ class _Exporter:
         if not (placed.visible_camera and placed.visible_shadow and placed.visible_transmission):
             self.log.warn(where, "the ray visibility of objects is ignored")
 
-    @staticmethod
-    def slots(placed: Any) -> list[Any]:
+    def slots(self, placed: Any) -> list[Any]:
         """The material of each slot; geometry nodes may give a mesh materials of its own, for
         which the object has no slot."""
+        if self.material_override:
+            return [self.material_override]
         slots = [slot.material for slot in placed.material_slots]
         own = list(getattr(placed.data, "materials", ()))
         slots += own[len(slots) :]

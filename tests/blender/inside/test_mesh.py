@@ -101,6 +101,14 @@ def test_materials_of_objects_share_a_mesh(add_mesh, export, scene):
     assert [data.materials[o.materials[0]].name for o in data.objects] == ["Data", "Object"]
 
 
+def test_material_override(add_mesh, export):
+    roof = add_mesh("Roof", ROOF, [(0, 1, 2, 3), (3, 2, 5, 4)])
+    roof.data.materials.append(bpy.data.materials.new("Own"))
+    bpy.context.view_layer.material_override = bpy.data.materials.new("Clay")
+    data, lines = export()
+    assert lines == [] and [m.name for m in data.materials] == ["Clay"]
+
+
 def test_collection_instances(add_mesh, export, scene):
     quad = add_mesh("Quad", QUAD, [(0, 1, 2, 3)])
     quad.location = (0, 0, 1)

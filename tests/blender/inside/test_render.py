@@ -159,6 +159,27 @@ def test_without_numpy(small, fake_library, monkeypatch):
         bpy.ops.render.render()
 
 
+def test_animated_settings(small, fake_library, tmp_path):
+    small.frame_end = 2
+    settings = small.amberlight
+    settings.report_path = str(tmp_path / "report_#.json")
+    for frame in (1, 2):
+        settings.samples = 10 * frame
+        settings.keyframe_insert("samples", frame=frame)
+    small.render.filepath = str(tmp_path / "frame_")
+    bpy.ops.render.render(animation=True)
+    reports = [json.loads((tmp_path / f"report_{frame}.json").read_text()) for frame in (1, 2)]
+    assert [report["samples"] for report in reports] == [10, 20]
+
+
+def test_ignored_options_of_the_scene_are_named(small, fake_library):
+    from amberlight import report
+
+    small.render.use_motion_blur = True
+    bpy.ops.render.render()
+    assert 'motion blur is ignored: scene "Scene"' in report.LAST[small.name].warnings
+
+
 def test_animation_numbers_its_files(small, fake_library, tmp_path):
     small.frame_end = 2
     small.amberlight.exr_path = str(tmp_path / "own_##.exr")
