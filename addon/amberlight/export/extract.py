@@ -29,7 +29,7 @@ def extract_scene(
     if with_camera:
         camera = camera or scene.camera
         exporter.data.camera = read_camera(
-            camera.evaluated_get(depsgraph) if camera else None, scene.render
+            camera.evaluated_get(depsgraph) if camera else None, scene.render, log
         )
     exporter.objects()
     exporter.data.world = read_world(scene.world, exporter.version, log)
@@ -62,6 +62,7 @@ class _Exporter:
             matrix = instance.matrix_world.copy()
             if placed.type == "LIGHT":
                 where = f'light "{placed.name}"'
+                self.check_linking(placed, where)
                 light = read_light(placed.data, matrix, where, self.version, self.log)
                 if light:
                     self.data.lights.append(light)
@@ -101,7 +102,14 @@ class _Exporter:
             return None
         return mesh, tuple(self.material(slot, where) for slot in slots)
 
+    def check_linking(self, placed: Any, where: str) -> None:
+        """Light linking exists since 4.0."""
+        linking = getattr(placed, "light_linking", None)
+        if linking and (linking.receiver_collection or linking.blocker_collection):
+            self.log.warn(where, "light linking is ignored")
+
     def check_object(self, placed: Any, where: str) -> None:
+        self.check_linking(placed, where)
         for system in placed.particle_systems:
             if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
                 self.log.warn(where, f'the hair of "{system.name}" is left out')

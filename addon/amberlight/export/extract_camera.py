@@ -7,6 +7,7 @@ from typing import Any
 
 from ..binding.errors import AmberlightError
 from . import conventions as conv
+from .export_log import ExportLog
 from .scene_data import CameraData, Matrix
 
 
@@ -15,9 +16,9 @@ def matrix_rows(matrix: Any) -> Matrix:
     return tuple(tuple(row) for row in matrix)
 
 
-def read_camera(camera_object: Any, render: Any, matrix: Any = None) -> CameraData:
-    """`camera_object`: evaluated bpy Object; `render`: RenderSettings; `matrix`: another world
-    matrix to use. The window is that of the full image; a border crops pixels, not the window."""
+def read_camera(camera_object: Any, render: Any, log: ExportLog) -> CameraData:
+    """`camera_object`: evaluated bpy Object; `render`: RenderSettings. The window is that of the
+    full image; a border crops pixels, not the window."""
     if camera_object is None:
         raise AmberlightError("the scene has no camera: add one and make it the active camera")
     camera = camera_object.data
@@ -31,7 +32,7 @@ def read_camera(camera_object: Any, render: Any, matrix: Any = None) -> CameraDa
             "renders perspective and orthographic cameras"
         )
     # As in Blender, the camera's scale has no effect.
-    matrix = (matrix or camera_object.matrix_world).normalized()
+    matrix = camera_object.matrix_world.normalized()
     orthographic = camera.type == "ORTHO"
     window = conv.camera_window(
         is_orthographic=orthographic,
@@ -48,6 +49,8 @@ def read_camera(camera_object: Any, render: Any, matrix: Any = None) -> CameraDa
     if camera.dof.use_dof:
         radius = conv.lens_radius(camera.lens, camera.dof.aperture_fstop, orthographic)
         distance = _focus_distance(camera, matrix)
+        if camera.dof.aperture_blades > 2 or camera.dof.aperture_ratio != 1.0:
+            log.warn(f'camera "{camera_object.name}"', "the aperture is rendered as round")
     return CameraData(
         matrix_rows(matrix),
         window,

@@ -16,6 +16,9 @@ def read_light(
     light: Any, matrix: Any, where: str, version: conv.Version, log: ExportLog
 ) -> LightData | None:
     """`light`: evaluated bpy Light; `matrix`: its object's 4x4 world matrix. None if it is dark."""
+    if getattr(getattr(light, "cycles", None), "is_portal", False):
+        log.warn(where, "a portal is no light of its own and is left out")
+        return None
     power = light.energy * 2.0 ** getattr(light, "exposure", 0.0)
     color = tuple(light.color)
     if getattr(light, "use_temperature", False):
@@ -60,6 +63,8 @@ def read_light(
         )
     if light.type == "SUN":
         return LightData(light.name, "SUN", color, position, direction, angle=angle)
+    if radius > 0.0 and not getattr(light, "use_soft_falloff", True):
+        log.warn(where, "a light without soft falloff is rendered with it")
     color = conv.scaled(color, conv.point_intensity(1.0))
     if light.type == "POINT":
         return LightData(light.name, "POINT", color, position, radius=radius)

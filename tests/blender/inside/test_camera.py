@@ -105,6 +105,11 @@ def test_depth_of_field(camera, export, add_mesh):
     assert export(with_camera=True)[0].camera.focus_distance == pytest.approx(7.0)
 
 
+def test_aperture_that_is_not_round_is_named(camera, export):
+    camera.data.dof.use_dof, camera.data.dof.aperture_blades = True, 6
+    assert export(with_camera=True)[1] == ['the aperture is rendered as round: camera "Camera"']
+
+
 def test_no_camera(export):
     with pytest.raises(AmberlightError, match="no camera"):
         export(with_camera=True)

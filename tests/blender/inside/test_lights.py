@@ -83,6 +83,15 @@ def test_area_spread_is_named(add_light, export):
     assert export()[1] == ['the spread of an area light is ignored: light "Lamp"']
 
 
+def test_portal_is_left_out(add_light, export):
+    lamp = add_light("AREA")
+    if not hasattr(lamp.data, "cycles"):
+        pytest.skip("no Cycles")
+    lamp.data.cycles.is_portal = True
+    data, lines = export()
+    assert data.lights == [] and "portal" in lines[0]
+
+
 @pytest.mark.skipif(VERSION < (4, 5), reason="newer settings")
 def test_newer_settings(add_light, export):
     add_light("POINT", energy=100, exposure=1.0, normalize=False, shadow_soft_size=0.5)

@@ -34,6 +34,9 @@ class Tree:
 
     @staticmethod
     def set(node, name, value):
+        # The factor of Mix Shader has another name in newer versions.
+        if name == "Fac":
+            name = node.inputs[0].name
         if isinstance(value, tuple) and node.inputs[name].type == "RGBA":
             value = (*value, 1.0)
         node.inputs[name].default_value = value
