@@ -262,6 +262,92 @@ def test_empty_scene(small, real_library, render_to):
     assert not image.any()
 
 
+def medium_node(name):
+    nodes = bpy.data.objects["Icosphere"].data.materials[0].node_tree.nodes
+    return next(node for node in nodes if node.bl_idname == f"ShaderNode{name}")
+
+
+def set_input(node, name, value):
+    medium_node(node).inputs[name].default_value = value
+
+
+def ball_object():
+    return bpy.data.objects["Icosphere"]
+
+
+def light_inside():
+    bpy.data.objects["Spot"].location = (0, 0, 0.5)
+
+
+def camera_inside():
+    bpy.context.scene.camera.location = (0, 0, 0)
+
+
+def mirror():
+    ball_object().scale.x = -1
+
+
+def inside_out():
+    ball_object().data.flip_normals()
+
+
+def open_mesh():
+    mesh = ball_object().data
+    kept = [tuple(p.vertices) for p in mesh.polygons][10:]
+    points = [tuple(v.co) for v in mesh.vertices]
+    mesh.clear_geometry()
+    mesh.from_pydata(points, [], kept + kept[:3] + [(0, 0, 1), (5, 5, 5)])
+
+
+def one_pixel():
+    bpy.context.scene.render.resolution_x = bpy.context.scene.render.resolution_y = 4
+    bpy.context.scene.render.resolution_percentage = 25
+
+
+def remove(name):
+    return lambda: bpy.data.objects.remove(bpy.data.objects[name])
+
+
+ODD = {
+    "tiny": lambda: setattr(ball_object(), "scale", (1e-4,) * 3),
+    "huge": lambda: setattr(ball_object(), "scale", (1e4,) * 3),
+    "squashed": lambda: setattr(ball_object(), "scale", (1, 1, 1e-3)),
+    "mirrored": mirror,
+    "inside out": inside_out,
+    "open, doubled and degenerate": open_mesh,
+    "ior 1": lambda: set_input("BsdfGlass", "IOR", 1.0),
+    "ior below 1": lambda: set_input("BsdfGlass", "IOR", 0.7),
+    "no density": lambda: set_input("VolumeScatter", "Density", 0.0),
+    "no absorption": lambda: set_input("VolumeAbsorption", "Density", 0.0),
+    "dense": lambda: set_input("VolumeScatter", "Density", 1e4),
+    "forward": lambda: set_input("VolumeScatter", "Anisotropy", 0.99),
+    "backward": lambda: set_input("VolumeScatter", "Anisotropy", -0.99),
+    "camera inside": camera_inside,
+    "light inside": light_inside,
+    "one pixel": one_pixel,
+    "no light": remove("Spot"),
+    "no ground": remove("Plane"),
+}
+
+
+@pytest.mark.parametrize("case", ODD)
+def test_odd_scenes(ball, real_library, render_to, case):
+    """A picture without a value that is not finite, or one error: never a crash."""
+    ODD[case]()
+    channels = render_to()
+    for name, values in channels.items():
+        assert np.isfinite(values).all(), name
+
+
+def test_mirrored_ball_looks_the_same(ball, real_library, render_to):
+    """Outside stays outside: a sphere mirrored in place is the same sphere."""
+    ball.amberlight.samples, ball.amberlight.light_samples = 16, 100_000
+    plain = render_to("plain")["ViewLayer.Single Scattering.G"]
+    mirror()
+    mirrored = render_to("mirrored")["ViewLayer.Single Scattering.G"]
+    assert mirrored.mean() == pytest.approx(plain.mean(), rel=0.05)
+
+
 def test_nan_in_a_mesh(ball, real_library, add_mesh):
     add_mesh("Broken", [(0, 0, float("nan")), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
     with pytest.raises(RuntimeError, match="Broken"):
