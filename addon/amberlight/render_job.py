@@ -49,7 +49,7 @@ class Settings:
     samples: int = 16
     accuracy: float = 0.0
     light_samples: int = 1_000_000
-    kernel_size: float = 16.0
+    kernel_size: float = 4.0
     tube_refinement: int = 0
     effects: str = "AUTO"
     use_single_scattering: bool = True

@@ -580,7 +580,7 @@ static void gather_is_finite_at_the_limits(void) {
     static const float sigmas[] = {0.0f, 1e-6f, 1.0f, 1e6f};
     static const float lengths[] = {1e-7f, 1e-3f, 1.0f, 1e3f, 1e7f};
     static const float radii[] = {1e-6f, 1e-2f, 1e3f};
-    static const float gs[] = {-0.99f, 0.99f};
+    static const float gs[] = {-0.9999f, 0.9999f};
     uint64_t state = 5;
     int bright = 0;
     bool all_finite = true, none_negative = true;

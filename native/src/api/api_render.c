@@ -20,7 +20,7 @@ void amb_render_params_init(AmbRenderParams *params) {
                               .effects = AMB_EFFECT_SINGLE_SCATTERING |
                                          AMB_EFFECT_SURFACE_REFLECTION | AMB_EFFECT_BACKGROUND,
                               .light_samples = 1000000,
-                              .kernel_size = 16.0f,
+                              .kernel_size = 4.0f,
                               .adjoint_normals = 1};
 }
 

@@ -53,14 +53,22 @@ static inline uint32_t boxes_hit(const PointNode *node, const Query *q) {
     return lanes_bits(near <= far);
 }
 
-/* Sum over the lobes of sigma_s p(cos), 1/(m sr), in one channel after the other. */
-static inline void scattering(const Medium *medium, Lanes cosine, Lanes out[3]) {
+/* Sum over the lobes of sigma_s p(cos), 1/(m sr), for each channel. */
+static inline void scattering(const Medium *medium, Lanes cosine, Lanes sin2, Lanes out[3]) {
     out[0] = out[1] = out[2] = lanes_set(0.0f);
+    /* 1 + cos and 1 - cos from sin^2 where the difference would cancel. */
+    const LaneMask is_negative = cosine < 0.0f;
+    const Lanes magnitude = lanes_select(is_negative, -cosine, cosine);
+    const Lanes large = 1.0f + magnitude, small = sin2 / large;
+    const Lanes one_plus = lanes_select(is_negative, small, large);
+    const Lanes one_minus = lanes_select(is_negative, large, small);
     for (uint32_t l = 0; l < medium->lobe_count; ++l) {
         const MediumLobe *lobe = &medium->lobes[l];
         const float g = lobe->g;
-        /* phase_hg, with the light turning from w to -d. */
-        const Lanes denominator = (1.0f + g * g) + (2.0f * g) * cosine;
+        /* phase_hg, with the light turning from w to -d: 1 + g^2 + 2 g cos as a sum of terms that
+         * are never negative, so that the peak of the sharpest lobe keeps its digits. */
+        const Lanes denominator = g >= 0.0f ? (1.0f - g) * (1.0f - g) + 2.0f * g * one_plus
+                                            : (1.0f + g) * (1.0f + g) - 2.0f * g * one_minus;
         const Lanes p =
             ((1.0f - g * g) / (4.0f * AMB_PI)) / (denominator * lanes_sqrt(denominator));
         out[0] += lobe->sigma_s.r * p;
@@ -134,7 +142,7 @@ static inline void gather_block(const PointBlock *block, const Medium *medium, c
     const Lanes path0 = -(from + tau0 + lanes_max(above + c * tau0, zero));
     const Lanes path1 = -(from + tau1 + lanes_max(above + c * tau1, zero));
     Lanes scatter[3];
-    scattering(medium, c, scatter);
+    scattering(medium, c, sin2, scatter);
     const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
     Lanes total = zero;
     for (int a = 0; a < 3; ++a) {

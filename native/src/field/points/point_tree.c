@@ -25,7 +25,7 @@ typedef struct Builder {
     PointTree *tree;
     Job *job;
     Task *tasks;
-    uint32_t split_levels; /* whether tasks stop after their own node */
+    bool is_top; /* tasks are divided only, not built */
 } Builder;
 
 typedef struct Box {
@@ -123,9 +123,9 @@ static void select_items(Item *items, uint64_t count, uint64_t rank, int axis) {
     }
 }
 
-/* Halves a range of blocks as child_sizes does, `levels` times. */
+/* Halves a range of blocks as child_sizes does, `levels` times; stops when the job is cancelled. */
 static void divide(const Builder *builder, uint64_t first, uint64_t blocks, int levels) {
-    if (levels == 0 || blocks < 2)
+    if (levels == 0 || blocks < 2 || job_is_cancelled(builder->job))
         return;
     const uint64_t left = blocks - blocks / 2;
     const uint64_t begin = first * POINT_LANES;
@@ -248,9 +248,9 @@ static void finish_node(const Builder *builder, uint64_t index) {
 
 /* Builds a whole subtree. */
 static AmbStatus build_subtree(const Builder *builder, const Task *task) {
-    if (task->block_count > 512 && job_is_cancelled(builder->job))
-        return AMB_CANCELLED;
     divide(builder, task->first_block, task->block_count, 3);
+    if (job_is_cancelled(builder->job))
+        return AMB_CANCELLED; /* before an unfinished order is used */
     Task children[POINT_LANES];
     const uint32_t count = child_tasks(builder, task, children);
     for (uint32_t i = 0; i < count; ++i)
@@ -264,7 +264,7 @@ static AmbStatus build_tasks(void *user, uint64_t begin, uint64_t end, uint32_t 
     (void)thread;
     const Builder *builder = user;
     for (uint64_t i = begin; i < end; ++i) {
-        if (builder->split_levels > 0)
+        if (builder->is_top)
             divide(builder, builder->tasks[i].first_block, builder->tasks[i].block_count, 3);
         else
             AMB_TRY(build_subtree(builder, &builder->tasks[i]));
@@ -283,7 +283,7 @@ static AmbStatus build_all(Builder *builder) {
     uint32_t top_count = 0;
     for (uint32_t level = 0; level < TOP_LEVELS; ++level) {
         builder->tasks = levels + level_begin;
-        builder->split_levels = 1;
+        builder->is_top = true;
         AMB_TRY(parallel_for(builder->job, level_end - level_begin, 1, build_tasks, builder));
         uint32_t next_end = level_end;
         for (uint32_t i = level_begin; i < level_end; ++i) {
@@ -298,7 +298,7 @@ static AmbStatus build_all(Builder *builder) {
         level_end = next_end;
     }
     builder->tasks = levels + level_begin;
-    builder->split_levels = 0;
+    builder->is_top = false;
     AMB_TRY(parallel_for(builder->job, level_end - level_begin, 1, build_tasks, builder));
     while (top_count > 0)
         finish_node(builder, tops[--top_count]);

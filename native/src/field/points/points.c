@@ -59,25 +59,65 @@ static PointSample place_sample(const LightBeam *beam, const Medium *medium,
     return sample;
 }
 
+enum { BEAM_GRAIN = 1024 }; /* beams of one unit of work */
+
+typedef struct Placement {
+    const LightBeams *beams;
+    const Medium *medium;
+    const PointParams *params;
+    double mean_area;
+    uint64_t *first; /* index of the first sample of each grain of beams */
+    PointSample *samples;
+} Placement;
+
+static AmbStatus place_grain(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    const Placement *placement = user;
+    uint64_t next = placement->first[begin / BEAM_GRAIN];
+    for (uint64_t i = begin; i < end; ++i) {
+        const LightBeam *beam = &placement->beams->beams[i];
+        const uint64_t along = samples_of(beam, placement->params->spacing);
+        for (uint64_t k = 0; k < along; ++k)
+            placement->samples[next++] = place_sample(beam, placement->medium, placement->params,
+                                                      placement->mean_area, k, along);
+    }
+    return AMB_OK;
+}
+
+/* Numbers the samples, so that every thread knows where its own go. */
+static uint64_t count_samples(const LightBeams *beams, float spacing, uint64_t *out_first) {
+    uint64_t count = 0;
+    for (uint64_t i = 0; i < beams->count; ++i) {
+        if (i % BEAM_GRAIN == 0)
+            out_first[i / BEAM_GRAIN] = count;
+        count += samples_of(&beams->beams[i], spacing);
+    }
+    return count;
+}
+
 AmbStatus points_build(const LightBeams *beams, const Medium *medium, const PointParams *params,
                        Job *job, PointCloud *out_cloud) {
     memset(out_cloud, 0, sizeof *out_cloud);
-    uint64_t count = 0;
-    for (uint64_t i = 0; i < beams->count; ++i)
-        count += samples_of(&beams->beams[i], params->spacing);
-    PointSample *samples = memory_alloc_array(count, sizeof *samples);
-    if (samples == NULL)
-        return status_fail(AMB_OUT_OF_MEMORY, "no memory for %llu volume samples",
-                           (unsigned long long)count);
-    const double mean_area = mean_entry_area(beams);
-    uint64_t next = 0;
-    for (uint64_t i = 0; i < beams->count; ++i) {
-        const uint64_t along = samples_of(&beams->beams[i], params->spacing);
-        for (uint64_t k = 0; k < along; ++k)
-            samples[next++] = place_sample(&beams->beams[i], medium, params, mean_area, k, along);
-    }
-    const AmbStatus status = point_tree_build(samples, count, job, &out_cloud->tree);
-    memory_free(samples);
+    Placement placement = {
+        .beams = beams,
+        .medium = medium,
+        .params = params,
+        .mean_area = mean_entry_area(beams),
+        .first = memory_alloc_array(beams->count / BEAM_GRAIN + 1, sizeof *placement.first)};
+    if (placement.first == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for volume samples");
+    const uint64_t count = count_samples(beams, params->spacing, placement.first);
+    placement.samples = memory_alloc_array(count, sizeof *placement.samples);
+    AmbStatus status = AMB_OK;
+    if (placement.samples == NULL)
+        status = status_fail(AMB_OUT_OF_MEMORY, "no memory for %llu volume samples",
+                             (unsigned long long)count);
+    if (status == AMB_OK)
+        status = parallel_for(job, beams->count, BEAM_GRAIN, place_grain, &placement);
+    if (status == AMB_OK)
+        status = point_tree_build(placement.samples, count, job, &out_cloud->tree);
+    memory_free(placement.samples);
+    memory_free(placement.first);
     if (status == AMB_OK) {
         out_cloud->sample_count = count;
         out_cloud->medium = *medium;
