@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Registration and settings."""
 
+from ctypes import byref
+
 import addon_utils
 import bpy
+from amberlight.binding import _ffi, library
+from amberlight.export.export_log import ExportLog
+from amberlight.render_job import Frame, Settings, render_params
 
 SETTINGS = {
     "estimator": "AUTO", "samples": 16, "accuracy": 0.0, "light_samples": 1_000_000,
@@ -37,6 +42,14 @@ def test_settings(scene):
     names = {p.identifier for p in scene.amberlight.bl_rna.properties}
     assert names == {"rna_type", "name", *SETTINGS}
     assert {name: getattr(scene.amberlight, name) for name in SETTINGS} == SETTINGS
+
+
+def test_defaults_are_the_librarys(real_library):
+    params = _ffi.AmbRenderParams()
+    library.load().amb_render_params_init(byref(params))
+    for name, value in render_params(Settings(), Frame(0, 0), ExportLog()).items():
+        if name not in {"width", "height"}:
+            assert getattr(params, name) == value, name
 
 
 def test_estimators(scene):
