@@ -154,6 +154,8 @@ def render(scene: bpy.types.Scene, folder: Path, name: str) -> list[Path]:
     if "FINISHED" not in bpy.ops.render.render(write_still=True):
         raise RuntimeError("cancelled")
     missing = [file.name for file in files if not file.is_file()]
+    if len(missing) == len(files):  # Blender calls a render finished that it stopped at Ctrl-C
+        raise RuntimeError("cancelled")
     if missing:
         raise RuntimeError("not written: " + ", ".join(missing))
     return files
