@@ -30,7 +30,7 @@ static inline float phase_hg(float cos_theta, float g) {
     const float a = fabsf(g);
     const float away = fmaxf(1.0f - copysignf(cos_theta, g * cos_theta), 0.0f);
     const float d = (1.0f - a) * (1.0f - a) + 2.0f * a * away;
-    return (1.0f - g * g) / (4.0f * AMB_PI * d * sqrtf(d));
+    return (1.0f - g) * (1.0f + g) / (4.0f * AMB_PI * d * sqrtf(d));
 }
 
 static inline bool medium_scatters(const Medium *medium) {

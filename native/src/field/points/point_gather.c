@@ -70,11 +70,74 @@ static inline void scattering(const Medium *medium, Lanes cosine, Lanes sin2, La
         const Lanes denominator = g >= 0.0f ? (1.0f - g) * (1.0f - g) + 2.0f * g * one_plus
                                             : (1.0f + g) * (1.0f + g) - 2.0f * g * one_minus;
         const Lanes p =
-            ((1.0f - g * g) / (4.0f * AMB_PI)) / (denominator * lanes_sqrt(denominator));
+            ((1.0f - g) * (1.0f + g) / (4.0f * AMB_PI)) / (denominator * lanes_sqrt(denominator));
         out[0] += lobe->sigma_s.r * p;
         out[1] += lobe->sigma_s.g * p;
         out[2] += lobe->sigma_s.b * p;
     }
+}
+
+/* Epanechnikov kernel K = 2/(pi R^4) (R^2 - r^2) along a chord: R^2 - r^2 = a + b u + c u^2 for u
+ * in [-1, 1]. */
+typedef struct Kernel {
+    Lanes a, b, c;
+} Kernel;
+
+/* Integral over u of K(u) exp(-sigma_t path(u)), path linear from path0 to path1 >= path0:
+ * with x = sigma_t (path1 - path0) / 2 and E(u) = exp(-sigma_t path(u)),
+ *   I0 = int E = (E0 - E1)/x,  I1 = int u E = (I0 - E0 - E1)/x,  I2 = int u^2 E = (E0 - E1 + 2
+ * I1)/x and their series about x = 0 (to 3e-6 at x = 1/2) where those would cancel. */
+static inline Lanes attenuated(const Kernel *kernel, float sigma_t, Lanes path0, Lanes path1) {
+    const Lanes x = (0.5f * sigma_t) * (path1 - path0);
+    const Lanes y = x * x;
+    const Lanes middle = lanes_exp_negative((-0.5f * sigma_t) * (path0 + path1));
+    const Lanes i0 = 2.0f + y * (1.0f / 3.0f + y * (1.0f / 60.0f));
+    const Lanes i1 = -x * (2.0f / 3.0f + y * (1.0f / 15.0f + y * (1.0f / 420.0f)));
+    const Lanes i2 = 2.0f / 3.0f + y * (0.2f + y * (1.0f / 84.0f));
+    const Lanes thin = middle * (kernel->a * i0 + kernel->b * i1 + kernel->c * i2);
+    const LaneMask is_thick = x > 0.5f;
+    if (lanes_bits(is_thick) == 0)
+        return thin;
+    const Lanes e0 = lanes_exp_negative(-sigma_t * path0);
+    const Lanes e1 = lanes_exp_negative(-sigma_t * path1);
+    const Lanes inverse = 1.0f / lanes_max(x, lanes_set(0.5f));
+    const Lanes t0 = (e0 - e1) * inverse;
+    const Lanes t1 = (t0 - (e0 + e1)) * inverse;
+    const Lanes t2 = (e0 - e1 + 2.0f * t1) * inverse;
+    return lanes_select(is_thick, kernel->a * t0 + kernel->b * t1 + kernel->c * t2, thin);
+}
+
+/* The part of a segment inside the cylinder of a sample, by tau = t - start. */
+typedef struct Chord {
+    Lanes begin, end;
+    Lanes start, above;    /* t and s where tau = 0 */
+    Lanes inside, B, sin2; /* R^2 - r^2 = inside - 2 B tau - sin2 tau^2 */
+    Lanes c;               /* s = above + c tau */
+} Chord;
+
+/* Adds the integral along a chord on one side of s = 0; returns the sum of its channels. */
+static inline Lanes gather_chord(const Chord *chord, const Medium *medium, const Lanes scale[3],
+                                 Sums *sums) {
+    const Lanes half = 0.5f * (chord->end - chord->begin);
+    const Lanes middle = 0.5f * (chord->end + chord->begin);
+    /* R^2 - r^2 by u = (tau - middle) / half. */
+    const Kernel kernel = {chord->inside - middle * (2.0f * chord->B + middle * chord->sin2),
+                           -2.0f * half * (chord->B + middle * chord->sin2),
+                           -half * half * chord->sin2};
+    /* From the sample's origin over the point back to the segment's start. */
+    const Lanes zero = lanes_set(0.0f);
+    const Lanes s0 = lanes_max(chord->above + chord->c * chord->begin, zero);
+    const Lanes s1 = lanes_max(chord->above + chord->c * chord->end, zero);
+    const Lanes path0 = chord->start + chord->begin + s0;
+    const Lanes path1 = chord->start + chord->end + s1;
+    const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
+    Lanes total = zero;
+    for (int a = 0; a < 3; ++a) {
+        const Lanes value = half * scale[a] * attenuated(&kernel, sigma_t[a], path0, path1);
+        sums->radiance[a] += value;
+        total += value;
+    }
+    return total;
 }
 
 /* Adds what the samples of a block send along the segment. */
@@ -114,7 +177,9 @@ static inline void gather_block(const PointBlock *block, const Medium *medium, c
     const Lanes3 e = {delta.x + start * d.x, delta.y + start * d.y, delta.z + start * d.z};
     const Lanes s = dot3(e, w);
     const Lanes3 b = {e.x - s * w.x, e.y - s * w.y, e.z - s * w.z};
-    const Lanes B = dot3(b, d);
+    /* b is perpendicular to w up to rounding, which grows with s: take d's part across w only. */
+    const Lanes3 across = {d.x - c * w.x, d.y - c * w.y, d.z - c * w.z};
+    const Lanes B = dot3(b, across);
     const Lanes inside = radius2 - dot3(b, b);
     const Lanes discriminant = B * B + sin2 * inside;
     const Lanes root = lanes_sqrt(lanes_max(discriminant, zero));
@@ -125,32 +190,31 @@ static inline void gather_block(const PointBlock *block, const Medium *medium, c
         return;
     /* A lane that misses gets a chord of no length: its huge or undefined numbers must not meet a
      * zero later, infinity * 0 is not 0. */
-    const Lanes half = lanes_select(is_hit, 0.5f * (end - begin), zero);
-    const Lanes middle = lanes_select(is_hit, 0.5f * (end + begin), zero);
-    const Lanes from = lanes_select(is_hit, start, zero);
-    const Lanes above = lanes_select(is_hit, s, zero);
-
-    /* Epanechnikov kernel K = 2/(pi R^2) (1 - r^2/R^2), integrated with the attenuation by two
-     * Gauss points: exact for K times a linear function of t. */
-    const Lanes offset = half * 0.577350269f;
-    const Lanes tau0 = middle - offset, tau1 = middle + offset;
-    const Lanes k0 = inside - tau0 * (2.0f * B + tau0 * sin2);
-    const Lanes k1 = inside - tau1 * (2.0f * B + tau1 * sin2);
-    const Lanes weight = half * lanes_load(block->normalization);
-    /* Attenuation from the sample's origin to the point and on to the segment's start. What a
-     * kernel adds before the ray's entry (see points.c) has travelled no distance yet. */
-    const Lanes path0 = -(from + tau0 + lanes_max(above + c * tau0, zero));
-    const Lanes path1 = -(from + tau1 + lanes_max(above + c * tau1, zero));
+    Chord chord = {.begin = lanes_select(is_hit, begin, zero),
+                   .end = lanes_select(is_hit, end, zero),
+                   .start = lanes_select(is_hit, start, zero),
+                   .above = lanes_select(is_hit, s, zero),
+                   .inside = lanes_select(is_hit, inside, zero),
+                   .B = lanes_select(is_hit, B, zero),
+                   .sin2 = sin2,
+                   .c = c};
     Lanes scatter[3];
     scattering(medium, c, sin2, scatter);
-    const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
-    Lanes total = zero;
-    for (int a = 0; a < 3; ++a) {
-        const Lanes e0 = lanes_exp_negative(sigma_t[a] * path0);
-        const Lanes e1 = lanes_exp_negative(sigma_t[a] * path1);
-        const Lanes value = weight * (k0 * e0 + k1 * e1) * scatter[a] * lanes_load(block->flux[a]);
-        sums->radiance[a] += lanes_select(is_hit, value, zero);
-        total += lanes_select(is_hit, value, zero);
+    for (int a = 0; a < 3; ++a)
+        scatter[a] *= lanes_load(block->normalization) * lanes_load(block->flux[a]);
+
+    /* What a kernel adds before the ray's entry, at s < 0 (see points.c), has travelled no
+     * distance yet: a chord that crosses s = 0 has a kink there and is taken in two parts. */
+    const LaneMask is_entry =
+        (chord.above + c * chord.begin < 0.0f) != (chord.above + c * chord.end < 0.0f);
+    const Lanes entry = lanes_select(is_entry, -chord.above / steep, chord.end);
+    const Lanes end_of_all = chord.end;
+    chord.end = lanes_max(chord.begin, lanes_min(entry, end_of_all));
+    Lanes total = gather_chord(&chord, medium, scatter, sums);
+    if (lanes_bits(is_entry) != 0) {
+        chord.begin = chord.end;
+        chord.end = end_of_all;
+        total += gather_chord(&chord, medium, scatter, sums);
     }
     sums->frequency += total * lanes_load(block->frequency);
 }
