@@ -173,7 +173,7 @@ typedef struct AmbObject {
     uint32_t struct_size;
     uint32_t mesh; /* id from amb_scene_add_mesh */
     const char *name;
-    float to_world[16];        /* row-major 4x4, affine, invertible */
+    float to_world[16]; /* row-major 4x4, affine, invertible; may mirror, outside stays outside */
     const uint32_t *materials; /* (material_count) ids from amb_scene_add_material */
     uint32_t material_count;   /* >= 1 */
     uint32_t reserved;

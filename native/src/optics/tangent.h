@@ -6,7 +6,7 @@
  * 4 x k array J in the frame of optics/covariance.h, C = J J^T is the covariance of the light
  * field that the ray stands for, and Sigma = C^-1 / (4 pi^2) that of its spectrum: positive
  * semidefinite by construction, and no case is singular. The operators need no frame
- * ([Method] docs/theory.md, "Tangent pairs"; checked against optics/covariance.c by
+ * (docs/theory.md 3; checked against optics/covariance.c by
  * unit.tangent). */
 #ifndef AMB_OPTICS_TANGENT_H
 #define AMB_OPTICS_TANGENT_H

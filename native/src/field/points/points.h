@@ -3,7 +3,7 @@
  * a camera segment passes through.
  *
  * A sample is a cylinder around a stretch of a light ray ([Liang19] fig. 7). Its light is spread
- * over the cross-section by K, int K dA = 1, so that inside it ([Method] 1)
+ * over the cross-section by K, int K dA = 1, so that inside it
  *   Q(x, -d) = sigma_s p(cos) Phi exp(-sigma_t s(x)) K(x_perp).
  * The camera's segment is not marched: K is integrated along the chord that lies inside the
  * cylinder, so that the result does not depend on a camera step, nor (with exp evaluated at x's
