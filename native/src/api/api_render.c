@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
  * Public functions: rendering a scene and reading the result. */
 #include <math.h>
+#include <string.h>
 
 #include "api/api_check.h"
 #include "base/memory.h"
@@ -60,14 +61,18 @@ void amb_progress_init(AmbProgress *progress) {
 
 AmbStatus amb_render_progress(AmbRender *render, AmbProgress *out_progress) {
     status_enter("amb_render_progress");
-    AMB_TRY(check_pointer(render, "render"));
     AmbProgress progress;
     amb_progress_init(&progress);
     AMB_TRY(check_struct(out_progress, sizeof progress, "progress", &progress));
-    progress.struct_size = sizeof progress;
-    render_progress(render, &progress);
-    *out_progress = progress;
-    return AMB_OK;
+    /* An older caller's struct ends here. */
+    const uint32_t size = progress.struct_size;
+    amb_progress_init(&progress);
+    progress.struct_size = size;
+    AmbStatus status = check_pointer(render, "render");
+    if (status == AMB_OK)
+        render_progress(render, &progress);
+    memcpy(out_progress, &progress, size);
+    return status;
 }
 
 void amb_render_cancel(AmbRender *render) {
@@ -132,8 +137,10 @@ AmbStatus amb_render_read_pass(AmbRender *render, const char *name, float *out_p
     pthread_mutex_lock(&render->lock);
     const bool has_samples = render->samples_done > 0;
     pthread_mutex_unlock(&render->lock);
-    if (!has_samples)
+    if (!has_samples) {
+        memset(out_pixels, 0, count * sizeof(float));
         return status_fail(AMB_INVALID_STATE, "no pixel has a sample yet");
+    }
     for (uint32_t y = 0; y < film->height; ++y)
         film_read_row(film, pass, y, out_pixels + y * row);
     return AMB_OK;

@@ -81,7 +81,7 @@ static exr_result_t write_chunks(exr_context_t file, Film *film, const Plane *pl
                                  uint32_t plane_count, float *row, float *rows) {
     int32_t step = 0;
     exr_result_t result = exr_get_scanlines_per_chunk(file, PART, &step);
-    exr_encode_pipeline_t encoder = EXR_ENCODE_PIPELINE_INITIALIZER;
+    exr_encode_pipeline_t encoder = {.pipe_size = sizeof encoder};
     for (int32_t line = 0; line < (int32_t)film->height && result == EXR_ERR_SUCCESS;
          line += step) {
         exr_chunk_info_t chunk;

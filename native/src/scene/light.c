@@ -112,6 +112,9 @@ static LightRay emit_sun(const LightEmission *emission, uint64_t i, Sample2 latt
         vec3_frame(ray.d, &x, &y);
         ray.pairs[2].dd = vec3_scale(x, DISC_EXTENT * light->angle);
         ray.pairs[3].dd = vec3_scale(y, DISC_EXTENT * light->angle);
+        /* Where on the sun a ray comes from turns it about its point on the target's disc. */
+        ray.pairs[2].dp = vec3_scale(ray.pairs[2].dd, -emission->distance);
+        ray.pairs[3].dp = vec3_scale(ray.pairs[3].dd, -emission->distance);
     }
     const float radius = emission->target_radius;
     const Sample2 disc = sample_disc(lattice);

@@ -229,6 +229,17 @@ static Triangle triangle_at(const AmbScene *scene, const Hit *hit) {
     return triangle;
 }
 
+/* A hit on an edge is rounded to either side of it, and a path that goes on from the wrong side has
+ * left its object without crossing the boundary. Points are therefore taken a millionth of the
+ * way towards the triangle's middle. */
+static Hit inside_edges(const Hit *hit) {
+    static const float SHRINK = 1e-6f;
+    Hit inner = *hit;
+    inner.u += SHRINK * (1.0f / 3.0f - hit->u);
+    inner.v += SHRINK * (1.0f / 3.0f - hit->v);
+    return inner;
+}
+
 static Vec3 interpolate(const Vec3 v[3], const Hit *hit) {
     const float w = 1.0f - hit->u - hit->v;
     return vec3_madd(vec3_madd(vec3_scale(v[0], w), hit->u, v[1]), hit->v, v[2]);
@@ -241,7 +252,8 @@ SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit) {
     const Vec3 e1 = vec3_sub(triangle.p[1], triangle.p[0]);
     const Vec3 e2 = vec3_sub(triangle.p[2], triangle.p[0]);
     SurfacePoint surface;
-    surface.p = interpolate(triangle.p, hit);
+    const Hit inner = inside_edges(hit);
+    surface.p = interpolate(triangle.p, &inner);
     surface.ng = vec3_normalize(vec3_cross(e1, e2));
     if (object->is_flipped)
         surface.ng = vec3_negate(surface.ng);
