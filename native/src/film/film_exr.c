@@ -77,11 +77,20 @@ static void fill_rows(Film *film, const Plane *planes, uint32_t plane_count, int
     }
 }
 
+/* OpenEXR's initializer names as many members as its version wants and leaves out the others. */
+static exr_encode_pipeline_t new_encoder(void) {
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wmissing-field-initializers"
+    const exr_encode_pipeline_t encoder = EXR_ENCODE_PIPELINE_INITIALIZER;
+#pragma GCC diagnostic pop
+    return encoder;
+}
+
 static exr_result_t write_chunks(exr_context_t file, Film *film, const Plane *planes,
                                  uint32_t plane_count, float *row, float *rows) {
     int32_t step = 0;
     exr_result_t result = exr_get_scanlines_per_chunk(file, PART, &step);
-    exr_encode_pipeline_t encoder = {.pipe_size = sizeof encoder};
+    exr_encode_pipeline_t encoder = new_encoder();
     for (int32_t line = 0; line < (int32_t)film->height && result == EXR_ERR_SUCCESS;
          line += step) {
         exr_chunk_info_t chunk;
