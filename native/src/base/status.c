@@ -17,14 +17,13 @@ void status_enter(const char *function) {
     copy_text(entered, sizeof entered, function);
 }
 
-AmbStatus status_fail(AmbStatus code, const char *format, ...) {
+void status_record(AmbStatus code, const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
     vsnprintf(record.message, sizeof record.message, format, arguments);
     va_end(arguments);
     memcpy(record.function, entered, sizeof record.function);
     record.status = code;
-    return code;
 }
 
 void status_copy_record(AmbErrorInfo *out_info) {

@@ -17,10 +17,10 @@
 /* Names the public function that the calling thread is in; later failures carry it. */
 void status_enter(const char *function);
 
-/* Records a failure for the calling thread and returns code. The message is cut at 255 bytes;
- * nothing is allocated. */
-AmbStatus status_fail(AmbStatus code, const char *format, ...)
-    __attribute__((format(printf, 2, 3)));
+/* Records a failure for the calling thread; its value is the code. The message is cut at 255
+ * bytes; nothing is allocated. A macro, so that compilers and analysers see which code returns. */
+#define status_fail(code, ...) (status_record((code), __VA_ARGS__), (code))
+void status_record(AmbStatus code, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
 /* Hands a record from one thread to another: a worker's failure belongs to whoever waits. */
 void status_copy_record(AmbErrorInfo *out_info);

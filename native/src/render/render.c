@@ -182,7 +182,7 @@ static void *render_main(void *user) {
         render->state = AMB_STATE_DONE;
     } else if (status == AMB_CANCELLED) {
         render->state = AMB_STATE_CANCELLED;
-        status_fail(AMB_CANCELLED, "the render was cancelled");
+        status_record(AMB_CANCELLED, "the render was cancelled");
     } else {
         render->state = AMB_STATE_FAILED;
     }

@@ -59,7 +59,8 @@ AmbStatus intersector_create(uint32_t thread_count, Intersector **out_intersecto
     self->device = rtcNewDevice(config);
     if (self->device == NULL) {
         memory_free(self);
-        return check(NULL, "creating a device");
+        AMB_TRY(check(NULL, "creating a device"));
+        return status_fail(AMB_INTERNAL, "Embree gives no device");
     }
     atomic_init(&self->bytes, 0);
     rtcSetDeviceMemoryMonitorFunction(self->device, on_memory, self);
