@@ -40,13 +40,13 @@ static void status_record_cuts_long_texts(void) {
     memset(text, 'x', sizeof text);
     text[sizeof text - 1] = '\0';
     status_enter(text);
-    status_fail(AMB_IO, "%s", text);
+    (void)status_fail(AMB_IO, "%s", text);
     AmbErrorInfo info;
     status_copy_record(&info);
     ENSURE(strlen(info.function) == sizeof info.function - 1);
     ENSURE(strlen(info.message) == sizeof info.message - 1);
     /* A name from the caller is text, not a format. */
-    status_fail(AMB_IO, "%s", "%s%n%d");
+    (void)status_fail(AMB_IO, "%s", "%s%n%d");
     status_copy_record(&info);
     ENSURE(strcmp(info.message, "%s%n%d") == 0);
 }
@@ -55,14 +55,14 @@ static void *fail_elsewhere(void *user) {
     AmbErrorInfo *out = user;
     status_copy_record(&out[0]);
     status_enter("amb_elsewhere");
-    status_fail(AMB_INTERNAL, "elsewhere");
+    (void)status_fail(AMB_INTERNAL, "elsewhere");
     status_copy_record(&out[1]);
     return NULL;
 }
 
 static void status_record_belongs_to_its_thread(void) {
     status_enter("amb_here");
-    status_fail(AMB_IO, "here");
+    (void)status_fail(AMB_IO, "here");
     AmbErrorInfo there[2], here;
     pthread_t thread;
     ENSURE(pthread_create(&thread, NULL, fail_elsewhere, there) == 0);
@@ -259,7 +259,7 @@ static void parallel_for_hands_the_first_error_to_its_caller(void) {
         Job job;
         job_init(&job, threads);
         Failing failing = {.job = &job, .from = 50};
-        status_fail(AMB_INTERNAL, "an old error");
+        (void)status_fail(AMB_INTERNAL, "an old error");
         ENSURE_STATUS(parallel_for(&job, ITEM_MAX, 1, fail_from, &failing), AMB_IO);
         AmbErrorInfo info;
         status_copy_record(&info);
@@ -274,7 +274,7 @@ static void parallel_for_hands_the_first_error_to_its_caller(void) {
     Job job;
     job_init(&job, 2);
     Failing helper = {.job = &job, .only_helpers = true};
-    status_fail(AMB_INTERNAL, "an old error");
+    (void)status_fail(AMB_INTERNAL, "an old error");
     ENSURE_STATUS(parallel_for(&job, ITEM_MAX, 1, fail_from, &helper), AMB_IO);
     AmbErrorInfo info;
     status_copy_record(&info);
