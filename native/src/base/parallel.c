@@ -36,6 +36,10 @@ double clock_wall(void) {
     return read_clock(CLOCK_MONOTONIC);
 }
 
+double clock_process_cpu(void) {
+    return read_clock(CLOCK_PROCESS_CPUTIME_ID);
+}
+
 double clock_thread_cpu(void) {
     return read_clock(CLOCK_THREAD_CPUTIME_ID);
 }

@@ -116,8 +116,11 @@ static void charge_stage(AmbRender *render, uint32_t stage, StageClock begin) {
 static AmbStatus run_scene(AmbRender *render) {
     set_stage(render, STAGE_SCENE);
     const StageClock begin = clock_stage(render);
+    const double process = clock_process_cpu();
     const AmbStatus status = scene_build(render->scene, &render->job);
     charge_stage(render, STAGE_SCENE, begin);
+    /* Embree builds on threads of its own: the process's clock sees them. */
+    render->costs[STAGE_SCENE].cpu = clock_process_cpu() - process;
     if (status == AMB_OK) {
         render->plan = plan_create(render->scene, &render->params);
         render->has_plan = true;
