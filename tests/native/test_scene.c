@@ -456,6 +456,12 @@ static void emission_of_a_sun_is_irradiance_times_disc(void) {
             mean += (1.0 - cosine) / (double)emission.count;
             edge = fmax(edge, 1.0 - cosine);
         }
+        /* The source's pairs are those of a point on the target, wherever rays begin. */
+        for (int k = TANGENT_LATTICE; k < TANGENT_COUNT; ++k) {
+            const TangentPair pair = light_emit(&emission, 17).pairs[k];
+            ENSURE_NEAR(vec3_length(pair.dd), soft ? sqrt(3.0) * 0.05 : 0.0, 1e-6);
+            ENSURE_NEAR(vec3_length(vec3_madd(pair.dp, 10.0f, pair.dd)), 0.0, 1e-6);
+        }
         /* Uniform over the disc of radius 0.05: half of the edge. */
         const double limit = soft ? 1.0 - cos(0.05) : 0.0;
         ENSURE_NEAR(mean, 0.5 * limit, 1e-5);
