@@ -289,12 +289,12 @@ class _MaterialReader(TreeReader):
 
     def anisotropy(self, node: Any, path: Path) -> float:
         phase = getattr(node, "phase", "HENYEY_GREENSTEIN")
-        if phase == "RAYLEIGH":
-            self.warn(node, "the phase function is replaced by Henyey-Greenstein with g = 0")
-            return 0.0
+        # Rayleigh, Mie and Fournier-Forand have other parameters, and most often hide the socket.
+        has_g = phase in {"HENYEY_GREENSTEIN", "DRAINE"}
         if phase != "HENYEY_GREENSTEIN":
-            self.warn(node, "the phase function is replaced by Henyey-Greenstein")
-        return conv.clamp_anisotropy(self.number(node, "Anisotropy", path))
+            suffix = "" if has_g else " with g = 0"
+            self.warn(node, f"the phase function is replaced by Henyey-Greenstein{suffix}")
+        return conv.clamp_anisotropy(self.number(node, "Anisotropy", path)) if has_g else 0.0
 
     def volume_scatter(self, node: Any, path: Path) -> tuple[RGB, RGB]:
         color, density = self.color(node, "Color", path), self.number(node, "Density", path)

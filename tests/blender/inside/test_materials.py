@@ -387,10 +387,16 @@ def test_unknown_volume_is_named(goo):
 
 
 @pytest.mark.skipif(bpy.app.version < (4, 3), reason="one phase function")
-def test_phase_function_is_named(goo):
-    node = goo.add("VolumeScatter", Density=1.0)
-    node.phase = "FOURNIER_FORAND"
-    assert "replaced by Henyey-Greenstein" in medium(goo, node)[1][0]
+@pytest.mark.parametrize(
+    ("phase", "g"), [("DRAINE", 0.5), ("FOURNIER_FORAND", 0), ("RAYLEIGH", 0), ("MIE", 0)]
+)
+def test_phase_function_is_named(goo, phase, g):
+    """Only some phase functions have a socket for g."""
+    node = goo.add("VolumeScatter", Density=1.0, Anisotropy=0.5)
+    node.phase = phase
+    got, lines = medium(goo, node)
+    assert "replaced by Henyey-Greenstein" in lines[0] and lines[0].count(" g = 0") == (g == 0)
+    assert got.lobes[0].g == g
 
 
 def test_anisotropy_and_density_limits(goo):
