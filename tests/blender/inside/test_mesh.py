@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes and instances: exact values for shapes that can be checked by hand."""
 
+import math
+
 import bpy
 import numpy as np
 import pytest
@@ -51,24 +53,49 @@ def test_mixed_faces_have_corner_normals(add_mesh, export):
     assert mesh.normals[0][0] == pytest.approx((0, 0, 1), abs=1e-6)
 
 
-def test_sharp_edges(add_mesh, export):
-    """A cube that is smooth but for its right angles: every corner has its face's normal."""
-    bpy.ops.mesh.primitive_cube_add()
-    bpy.ops.object.shade_smooth()
-    cube = bpy.context.object
-    if hasattr(cube.data, "use_auto_smooth"):
-        cube.data.use_auto_smooth = True
-    else:
-        for edge in cube.data.edges:
-            edge.use_edge_sharp = True
+def keep_sharp_edges(mesh):
+    """Before 4.1 sharp edges count only with auto smooth."""
+    if hasattr(mesh, "use_auto_smooth"):
+        mesh.use_auto_smooth, mesh.auto_smooth_angle = True, math.pi
+
+
+def test_sharp_edge(add_mesh, export):
+    """Level, slope, level: sharp where the slope begins, smooth where it ends."""
+    points = [(x, y, z) for x, z in ((0, 0), (1, 0), (2, 1), (3, 1)) for y in (0, 1)]
+    faces = [(i, i + 2, i + 3, i + 1) for i in (0, 2, 4)]
+    data = add_mesh("Step", points, faces, smooth=True).data
+    keep_sharp_edges(data)
+    for edge in data.edges:
+        edge.use_edge_sharp = set(edge.vertices) == {2, 3}
     mesh = export()[0].meshes[0]
-    corners = mesh.positions[mesh.triangles]
-    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    faces /= np.linalg.norm(faces, axis=1, keepdims=True)
-    assert np.abs(mesh.normals - faces[:, None]).max() < 1e-5
+    slope = np.array((-1, 0, 1)) / math.sqrt(2)
+    end = (slope + (0, 0, 1)) / np.linalg.norm(slope + (0, 0, 1))
+    for triangle, normals in zip(mesh.triangles, mesh.normals, strict=True):
+        is_slope = set(triangle) <= {2, 3, 4, 5}
+        for vertex, normal in zip(triangle, normals, strict=True):
+            want = end if vertex in {4, 5} else slope if is_slope else (0, 0, 1)
+            assert normal == pytest.approx(want, abs=1e-3)
     # Reading did not change the scene: the same again.
     again = export()[0].meshes[0]
     assert np.array_equal(again.normals, mesh.normals)
+
+
+def test_all_edges_sharp(add_mesh, export):
+    """A cube that is smooth but for its edges: the normals of its faces, or none at all."""
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.ops.object.shade_smooth()
+    cube = bpy.context.object
+    keep_sharp_edges(cube.data)
+    for edge in cube.data.edges:
+        edge.use_edge_sharp = True
+    mesh = export()[0].meshes[0]
+    # Blender 4.1 and later notice that such a mesh is flat.
+    assert (mesh.normals is None) == (bpy.app.version >= (4, 1))
+    if mesh.normals is not None:
+        corners = mesh.positions[mesh.triangles]
+        faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        faces /= np.linalg.norm(faces, axis=1, keepdims=True)
+        assert np.abs(mesh.normals - faces[:, None]).max() < 1e-3
 
 
 def test_modifiers_are_applied(add_mesh, export):
