@@ -38,6 +38,8 @@ PREVIEW_LIGHT_SAMPLES = 20_000
 PREVIEW_SECONDS = 1.0
 # Seconds between pictures of an unfinished render in the user interface.
 DISPLAY_SECONDS = 1.0
+# Seconds between texts of one stage: a background Blender prints a line for each.
+STATS_SECONDS = 0.5
 
 
 class AmberlightRenderEngine(bpy.types.RenderEngine):
@@ -234,13 +236,15 @@ class _Poll:
         self.layer = layer
         self.prefix = engine.prefix(scene, layer)
         self.stage = ""
+        self.text = ""
+        self.told_at = 0.0
         self.shown_samples = 0
         self.shown_at = time.perf_counter()
 
     def __call__(self, progress: Progress) -> bool:
         engine = self.engine
         engine.update_progress(progress.fraction)
-        engine.update_stats("", f"{self.layer} | {progress.stage}: {progress.detail}")
+        self.tell(progress)
         if bpy.app.background:
             if progress.stage != self.stage and not engine.is_preview:
                 say(f"{self.prefix}{progress.stage}: {progress.detail}")
@@ -252,6 +256,15 @@ class _Poll:
                 self.shown_at = time.perf_counter()
         self.stage = progress.stage
         return not engine.test_break()
+
+    def tell(self, progress: Progress) -> None:
+        """The text of the status line: each stage at once, what changes within it now and then."""
+        text = f"{self.layer} | {progress.stage}: {progress.detail}"
+        now = time.perf_counter()
+        is_due = progress.stage != self.stage or now - self.told_at >= STATS_SECONDS
+        if is_due and text != self.text:
+            self.engine.update_stats("", text)
+            self.text, self.told_at = text, now
 
 
 def layer_names(scene: Any) -> list[str]:
