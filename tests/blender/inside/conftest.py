@@ -90,6 +90,9 @@ def render_to(scene, tmp_path):
         settings.file_format = "OPEN_EXR_MULTILAYER"
         settings.color_depth = "32"
         settings.exr_codec = "NONE"
+        # Blender 5 writes a part for each pass unless told to keep them together.
+        if hasattr(settings, "use_exr_interleave"):
+            settings.use_exr_interleave = True
         scene.render.filepath = str(tmp_path / name)
         assert bpy.ops.render.render(write_still=True) == {"FINISHED"}
         return read_exr(

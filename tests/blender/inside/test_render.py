@@ -2,10 +2,13 @@
 """F12. Where pixels land is seen with the stand-in, whose pixels are x + 1000 y."""
 
 import json
+import math
+import time
 
 import bpy
 import numpy as np
 import pytest
+from mathutils import Matrix
 
 
 @pytest.fixture
@@ -172,6 +175,57 @@ def test_animated_settings(small, fake_library, tmp_path):
     assert [report["samples"] for report in reports] == [10, 20]
 
 
+class FakeEngine:
+    """What a poll asks of an engine; stopped `seconds` after the first poll."""
+
+    is_preview = False
+    update_progress = staticmethod(lambda fraction: None)
+    prefix = staticmethod(lambda scene, layer: "")
+
+    def __init__(self, seconds):
+        self.seconds = seconds
+        self.stop_at = None
+        self.texts = []
+
+    def update_stats(self, stats, info):
+        self.texts.append(info)
+
+    def test_break(self):
+        now = time.perf_counter()
+        self.stop_at = self.stop_at or now + self.seconds
+        return now >= self.stop_at
+
+
+def stop_after(seconds, export):
+    """A render without end that is stopped: (its engine, seconds from the stop to the end)."""
+    from amberlight import engine, render_job
+    from amberlight.binding import library
+    from amberlight.export.export_log import ExportLog
+
+    data, _ = export(with_camera=True)
+    settings = render_job.Settings(samples=100_000, light_samples=100_000)
+    params = render_job.render_params(settings, render_job.Frame(256, 256), ExportLog())
+    fake = FakeEngine(seconds)
+    with render_job.RenderJob(library.load(), data, params) as job:
+        assert not job.run(engine._Poll(fake, job, bpy.context.scene, "ViewLayer"))
+        return fake, time.perf_counter() - fake.stop_at
+
+
+def test_cancel_within_a_fifth_of_a_second(small, fake_library, export):
+    # The best of three: a busy machine delays any of them.
+    assert min(stop_after(0.03, export)[1] for _ in range(3)) < 0.2
+
+
+def test_cancel_of_the_real_library(ball, real_library, export):
+    assert min(stop_after(0.5, export)[1] for _ in range(3)) < 0.2
+
+
+def test_texts_are_few(small, fake_library, export):
+    """The stand-in's text changes with every look, some twenty times a second."""
+    texts = stop_after(1.2, export)[0].texts
+    assert 2 <= len(texts) <= 4 and len(set(texts)) == len(texts)
+
+
 def test_ignored_options_of_the_scene_are_named(small, fake_library):
     from amberlight import report
 
@@ -248,6 +302,36 @@ def test_depth(ball, real_library, render_to):
     depth = render_to()["ViewLayer.Depth.Z"]
     assert depth[12, 12] == pytest.approx(4.0, abs=0.05)
     assert depth[23, 0] > 1e9
+
+
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+def test_depth_is_that_of_cycles(small, real_library, render_to, kind):
+    """Along the axis of the camera, not along the ray: a wall that the camera sees straight on is
+    at one depth, and a slanted one is where Cycles sees it."""
+    if "cycles" not in dir(small):
+        pytest.skip("no Cycles")
+    small.view_layers[0].use_pass_z = True
+    small.camera.data.type, small.camera.data.ortho_scale = kind, 8
+    small.camera.data.lens = 18
+    # Fills the left half of the image, 2 m behind y = 0; the other half is a slope.
+    bpy.ops.mesh.primitive_plane_add(size=40, location=(-20, 2, 0), rotation=(math.pi / 2, 0, 0))
+    bpy.ops.mesh.primitive_plane_add(size=40, location=(0, 2, 0), rotation=(math.pi / 2, 0, -0.4))
+    slope = bpy.context.object
+    slope.data.transform(Matrix.Translation((20, 0, 0)))
+    bpy.ops.object.light_add(type="SUN")
+    small.amberlight.samples = 1
+    ours = render_to("ours")["ViewLayer.Depth.Z"]
+    assert ours[:, :5] == pytest.approx(7.0, rel=1e-5)
+    small.render.engine = "CYCLES"
+    small.cycles.samples, small.cycles.use_denoising = 1, False
+    # Without jitter of the sample within the pixel.
+    small.cycles.pixel_filter_type, small.cycles.filter_width = "BLACKMAN_HARRIS", 0.01
+    cycles = render_to("cycles")["ViewLayer.Depth.Z"]
+    assert cycles[:, :5] == pytest.approx(7.0, rel=1e-5)
+    # Our sample lies anywhere in its pixel: compare with what a pixel spans.
+    span = np.abs(np.diff(cycles[:, 7:], axis=1)).max()
+    assert np.ptp(cycles[:, 7:]) > 5 * span / 2
+    assert np.abs(ours - cycles)[:, 7:].max() <= span
 
 
 def test_transparent_film(ball, real_library, render_to):
