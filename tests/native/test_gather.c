@@ -439,7 +439,7 @@ static void kernel_is_normalised(void) {
 
 static LightBeam straight_beam(float length, float area) {
     LightBeam beam = {.direction = {1, 0, 0}, .length = length, .flux = {1, 1, 1}};
-    beam.entry_area = area;
+    beam.entry_area = beam.cell_area = area;
     beam.spread.coefficients[0] = area * area;
     return beam;
 }

@@ -51,7 +51,7 @@ typedef struct Branch {
     Rgb flux;
     TangentPair pairs[TANGENT_COUNT];
     MediumStack stack;
-    float entry_area;
+    float entry_area, cell_area; /* 0: not inside yet */
     float start_slope;
     uint32_t bounces;
 } Branch;
@@ -115,14 +115,15 @@ static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, 
                           .spread = tangent_spread(branch->pairs, branch->d),
                           .start_slope = branch->start_slope,
                           .end_slope = end_slope};
-        const float area = tangent_cross_section(&beam.spread, 0.0f);
         if (branch->entry_area == 0.0f) {
             /* A light inside the medium spreads from a point: its largest cross-section takes
              * the place of the one at entry. */
-            branch->entry_area = area > 0.0f ? area : tangent_cross_section(&beam.spread, visible);
+            branch->entry_area = tangent_cross_section(&beam.spread, visible);
+            branch->cell_area = tangent_cell_area(branch->pairs, branch->d, visible);
         }
         beam.entry_area = branch->entry_area;
-        if (beam.entry_area > 0.0f)
+        beam.cell_area = branch->cell_area;
+        if (beam.cell_area > 0.0f)
             status = chunk_append(chunk, &beam, medium_stack_top(&branch->stack));
     }
     branch->flux = rgb_mul(branch->flux, transmittance);
@@ -213,6 +214,7 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
             if (is_outside) {
                 const TangentSpread spread = tangent_spread(next.pairs, next.d);
                 next.entry_area = tangent_cross_section(&spread, 0.0f);
+                next.cell_area = tangent_cell_area(next.pairs, next.d, 0.0f);
                 tally_add(chunk->tally.entered, next.flux);
             }
             waiting[waiting_count++] = next;
@@ -272,7 +274,7 @@ static AmbStatus plan_batches(Tracer *tracer) {
                                         .target = object->center,
                                         /* A little larger: rounding must not cut the rim. */
                                         .target_radius = object->radius * 1.0001f,
-                                        .distance = 2.0f * scene->radius + 1e-3f,
+                                        .distance = 2.1f * scene->radius,
                                         .count = 1,
                                         .shift_u = rng_float(rng, 0),
                                         .shift_v = rng_float(rng, 1)},

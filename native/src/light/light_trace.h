@@ -9,11 +9,14 @@
 /* One straight stretch of a light ray inside a medium. At distance s from its origin it carries
  * flux * exp(-sigma_t s). */
 typedef struct LightBeam {
-    Vec3 origin, direction;       /* m, unit */
-    float length;                 /* m, to the next surface or to where nothing is left */
-    Rgb flux;                     /* W at the origin; n^2 does not enter: flux needs only T */
-    TangentSpread spread;         /* cross-section a(s) of the tube that the ray stands for */
-    float entry_area;             /* a(0) just after the first refraction, m^2; > 0 */
+    Vec3 origin, direction; /* m, unit */
+    float length;           /* m, to the next surface or to where nothing is left */
+    Rgb flux;               /* W at the origin; n^2 does not enter: flux needs only T */
+    TangentSpread spread;   /* cross-section a(s) of cell and source together */
+    float entry_area;       /* a(0) just after the first refraction, m^2; > 0 */
+    float cell_area;        /* the same of the lattice's cell alone, m^2; > 0. A source is sampled
+                             * by a point of its own for each ray: its extent must not widen what
+                             * the ray stands for */
     float start_slope, end_slope; /* tan of the angle between the ray and the surface's normal at
                                    * either end; 0 where it does not end on a surface */
 } LightBeam;

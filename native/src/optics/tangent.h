@@ -75,6 +75,14 @@ static inline TangentSpread tangent_spread(const TangentPair pairs[TANGENT_COUNT
     return spread;
 }
 
+/* Cross-section of the lattice's cell alone at distance s, m^2: how far apart neighbouring rays
+ * are, whatever the size of the source. */
+static inline float tangent_cell_area(const TangentPair pairs[TANGENT_LATTICE], Vec3 w, float s) {
+    const Vec3 u = vec3_madd(pairs[0].dp, s, pairs[0].dd);
+    const Vec3 v = vec3_madd(pairs[1].dp, s, pairs[1].dd);
+    return fabsf(vec3_dot(w, vec3_cross(u, v)));
+}
+
 /* a(s) in m^2, >= 0. */
 static inline float tangent_cross_section(const TangentSpread *spread, float s) {
     const float *c = spread->coefficients;

@@ -16,12 +16,12 @@ static const float SLOPE_MAX = 4.0f;
  * cross-section would blur across it. */
 static const float AREA_MAX = 4.0f; /* in units of the flux-weighted mean */
 
-/* Mean cross-section of the object's rays at entry, weighted by flux, m^2. */
-static double mean_entry_area(const LightBeams *beams) {
+/* Mean cross-section of the cells of the object's rays at entry, weighted by flux, m^2. */
+static double mean_cell_area(const LightBeams *beams) {
     double area = 0.0, weight = 0.0;
     for (uint64_t i = 0; i < beams->count; ++i) {
         const double flux = (double)rgb_mean(beams->beams[i].flux);
-        area += flux * (double)beams->beams[i].entry_area;
+        area += flux * (double)beams->beams[i].cell_area;
         weight += flux;
     }
     return weight > 0.0 ? area / weight : 0.0;
@@ -42,8 +42,8 @@ static PointSample place_sample(const LightBeam *beam, const Medium *medium,
         kernel_frequency(beam->entry_area, tangent_cross_section(&beam->spread, s + 0.5f * step));
     float area = params->kernel_size * (float)mean_area;
     if (params->follows_covariance) {
-        const float entry_area = fminf(beam->entry_area, AREA_MAX * (float)mean_area);
-        area = entry_area * kernel_multiplier(params->kernel_size, frequency);
+        const float cell_area = fminf(beam->cell_area, AREA_MAX * (float)mean_area);
+        area = cell_area * kernel_multiplier(params->kernel_size, frequency);
     }
     PointSample sample = {.origin = vec3_madd(beam->origin, s, beam->direction),
                           .direction = beam->direction,
@@ -102,7 +102,7 @@ AmbStatus points_build(const LightBeams *beams, const Medium *medium, const Poin
         .beams = beams,
         .medium = medium,
         .params = params,
-        .mean_area = mean_entry_area(beams),
+        .mean_area = mean_cell_area(beams),
         .first = memory_alloc_array(beams->count / BEAM_GRAIN + 1, sizeof *placement.first)};
     if (placement.first == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for volume samples");
