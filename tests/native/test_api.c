@@ -636,6 +636,40 @@ static void picture_does_not_depend_on_scale(void) {
     }
 }
 
+/* A lamp with an extent is as bright as one without: where a ray of it starts is sampled, and must
+ * not widen the kernel. */
+static void soft_lights_keep_their_energy(void) {
+    for (uint32_t kind = AMB_LIGHT_POINT; kind <= AMB_LIGHT_AREA; ++kind) {
+        double hard = 0.0;
+        for (int soft = 0; soft < 2; ++soft) {
+            /* Small beside the distance of 5: the light of the extended lamps differs by its
+             * square, 1 %, in angle and in distance. */
+            const float size = soft ? 0.5f : 1e-4f;
+            Demo demo = demo_create();
+            const AmbLight lamp = demo.light;
+            amb_light_init(&demo.light, kind);
+            memcpy(demo.light.position, lamp.position, sizeof lamp.position);
+            demo.light.spot_size = 1.0f;
+            demo.light.radius = 0.5f * size;
+            demo.light.angle = size / 5.0f;
+            demo.light.size[0] = demo.light.size[1] = size;
+            for (int k = 0; k < 3; ++k) {
+                demo.light.direction[k] = -lamp.position[k];
+                demo.light.color[k] = kind == AMB_LIGHT_AREA ? 50.0f / (size * size) : 50.0f;
+            }
+            demo.params.light_samples = 100000;
+            demo.params.samples = 8;
+            Picture picture = demo_render(&demo);
+            const double mean = picture_mean(&picture, PASS_SINGLE);
+            if (soft)
+                ENSURE_NEAR(mean / hard, 1.0, 0.02);
+            hard = mean;
+            picture_free(&picture);
+            demo_free(&demo);
+        }
+    }
+}
+
 static void two_renders_of_one_scene(void) {
     Demo demo = demo_create();
     AmbScene *scene = demo_scene(&demo);
@@ -1102,6 +1136,7 @@ void test_api(void) {
     RUN(crop_is_a_part_of_the_whole);
     RUN(radiance_is_linear_in_power);
     RUN(picture_does_not_depend_on_scale);
+    RUN(soft_lights_keep_their_energy);
     RUN(two_renders_of_one_scene);
     RUN(film_can_be_transparent);
     RUN(cancel_takes_a_fifth_of_a_second);
