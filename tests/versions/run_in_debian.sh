@@ -22,7 +22,7 @@ readonly chroots=${AMBERLIGHT_CHROOTS:-${XDG_CACHE_HOME:-$HOME/.cache}/amberligh
 # What a release needs to build the library and to run its tests; bookworm gets nothing, because
 # ./amberlight has to install it.
 readonly packages=(
-    blender python3-numpy python3-pytest
+    blender python3-numpy python3-pytest xvfb xauth
     cmake ninja-build gcc libc6-dev libembree-dev libopenexr-dev git
 )
 
@@ -75,13 +75,14 @@ prepare() {
     cp -L -- /etc/hosts "$chroot/etc/hosts"
     ln -sfn -- /proc/self/mounts "$chroot/etc/mtab"
     host_apt_settings >"$chroot/etc/apt/apt.conf.d/90host"
-    if [[ $suite != bookworm && ! -e $chroot/.packages-ready ]]; then
+    local ready=$chroot/.packages-ready
+    if [[ $suite != bookworm && $(cat -- "$ready" 2>/dev/null) != "${packages[*]}" ]]; then
         say "$suite: packages"
         inside "$chroot" apt-get -q update
         inside "$chroot" env DEBIAN_FRONTEND=noninteractive \
             apt-get -q -y install --no-install-recommends "${packages[@]}"
         inside "$chroot" apt-get clean
-        touch -- "$chroot/.packages-ready"
+        printf '%s\n' "${packages[*]}" >"$ready"
     fi
 }
 
