@@ -291,6 +291,7 @@ static void extreme_parameters(void) {
     demo.params.width = demo.params.height = 8;
     demo.params.light_bounces = demo.params.camera_bounces = UINT32_MAX;
     check_demo(&demo, "bounces without end");
+    demo.params.light_bounces = demo.params.camera_bounces = 0;
     demo.params.effects = 0;
     check_demo(&demo, "no effects");
     demo.params.effects = AMB_EFFECT_SINGLE_SCATTERING;
