@@ -8,6 +8,14 @@
 #include "demo.h"
 #include "test.h"
 
+/* Many pictures, so small ones. */
+static Demo small_demo(void) {
+    Demo demo = demo_create();
+    demo.params.width = demo.params.height = 10;
+    demo.params.light_samples = 10000;
+    return demo;
+}
+
 /* Renders, checks the picture and gives it away. */
 static Picture checked(const Demo *demo, const char *what) {
     Picture picture = demo_render(demo);
@@ -36,7 +44,7 @@ static void check_thoroughly(const Demo *demo, const char *what) {
 /* ---- Empty scenes ---------------------------------------------------------------------------- */
 
 static void empty_scenes(void) {
-    Demo demo = demo_create();
+    Demo demo = small_demo();
     Picture picture = checked(&demo, "complete");
     ENSURE(picture_mean(&picture, PASS_SINGLE) > 1e-4);
     picture_free(&picture);
@@ -60,7 +68,7 @@ static void empty_scenes(void) {
     memset(demo.light.color, 0, sizeof demo.light.color);
     check_demo(&demo, "black light without objects");
     demo_free(&demo);
-    demo = demo_create();
+    demo = small_demo();
     memset(demo.light.color, 0, sizeof demo.light.color);
     check_demo(&demo, "black light");
     demo_free(&demo);
@@ -77,7 +85,7 @@ static void no_camera_is_an_error(void) {
 }
 
 static void meshes_without_triangles(void) {
-    Demo demo = demo_create();
+    Demo demo = small_demo();
     demo.shape.triangle_count = 0;
     check_demo(&demo, "no triangles");
     demo.is_smooth = false;
@@ -90,7 +98,7 @@ static void meshes_without_triangles(void) {
 /* ---- Broken meshes --------------------------------------------------------------------------- */
 
 static void degenerate_triangles(void) {
-    Demo demo = demo_create();
+    Demo demo = small_demo();
     Shape *s = &demo.shape;
     /* Every fifth has two corners in one place, every seventh lies on a line. */
     for (uint64_t t = 0; t < s->triangle_count; t += 5)
@@ -105,7 +113,7 @@ static void degenerate_triangles(void) {
     demo_free(&demo);
 
     /* Slivers whose area underflows. */
-    demo = demo_create();
+    demo = small_demo();
     for (uint64_t i = 0; i < demo.shape.vertex_count; ++i)
         demo.shape.positions[3 * i] *= 1e-20f;
     check_thoroughly(&demo, "flattened to 1e-20");
@@ -113,7 +121,7 @@ static void degenerate_triangles(void) {
 }
 
 static void duplicate_triangles(void) {
-    Demo demo = demo_create();
+    Demo demo = small_demo();
     Shape *s = &demo.shape;
     uint32_t *twice = malloc(6 * s->triangle_count * sizeof(uint32_t));
     memcpy(twice, s->triangles, 3 * s->triangle_count * sizeof(uint32_t));
@@ -133,7 +141,7 @@ static void duplicate_triangles(void) {
 }
 
 static void open_and_non_manifold_meshes(void) {
-    Demo demo = demo_create();
+    Demo demo = small_demo();
     const uint64_t all = demo.shape.triangle_count;
     demo.shape.triangle_count = all / 2;
     check_thoroughly(&demo, "half a sphere");
@@ -144,7 +152,7 @@ static void open_and_non_manifold_meshes(void) {
     demo_free(&demo);
 
     /* A fin on the inside and the outside: three triangles at an edge. */
-    demo = demo_create();
+    demo = small_demo();
     demo.shape.triangles[0] = 17;
     demo.shape.triangles[1] = 203;
     demo.shape.triangles[2] = 411;
@@ -158,7 +166,7 @@ static void open_and_non_manifold_meshes(void) {
     check_thoroughly(&demo, "random triangles");
     demo_free(&demo);
 
-    demo = demo_create();
+    demo = small_demo();
     shape_free(&demo.shape);
     demo.shape = shape_plane();
     check_thoroughly(&demo, "a sheet");
@@ -168,13 +176,13 @@ static void open_and_non_manifold_meshes(void) {
 static void normals_that_are_none(void) {
     static const float bad[] = {(float)NAN, (float)INFINITY, 0.0f, 1e-30f, 1e30f};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; ++i) {
-        Demo demo = demo_create();
+        Demo demo = small_demo();
         for (uint64_t k = 0; k < 3 * demo.shape.vertex_count; k += i % 2 ? 1 : 7)
             demo.shape.normals[k] = bad[i];
         check_thoroughly(&demo, "broken normals");
         demo_free(&demo);
     }
-    Demo demo = demo_create();
+    Demo demo = small_demo();
     Picture right = checked(&demo, "right");
     /* All normals inward, or the winding, or both: the side is found out. */
     for (int variant = 0; variant < 3; ++variant) {
@@ -206,7 +214,7 @@ static void normals_that_are_none(void) {
 static void positions_that_are_none(void) {
     static const float bad[] = {(float)NAN, (float)INFINITY, -(float)INFINITY};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; ++i) {
-        Demo demo = demo_create();
+        Demo demo = small_demo();
         demo.shape.positions[100] = bad[i];
         AmbScene *scene = NULL;
         uint32_t id;
@@ -220,7 +228,7 @@ static void positions_that_are_none(void) {
         demo_free(&demo);
     }
     /* Finite in the mesh, not in the world: known when the scene is committed. */
-    Demo demo = demo_create();
+    Demo demo = small_demo();
     for (uint64_t k = 0; k < 3 * demo.shape.vertex_count; ++k)
         demo.shape.positions[k] *= 1e30f;
     demo.scale = 1e10f;
@@ -238,12 +246,12 @@ static void positions_that_are_none(void) {
 static void scales_and_offsets(void) {
     static const float scales[] = {1e-4f, 1e4f};
     for (size_t i = 0; i < 2; ++i) {
-        Demo demo = demo_create();
+        Demo demo = small_demo();
         demo.scale = scales[i];
         check_thoroughly(&demo, "scale");
         demo_free(&demo);
     }
-    Demo demo = demo_create();
+    Demo demo = small_demo();
     Picture near = checked(&demo, "near");
     demo.at[0] = demo.at[1] = 1e4f;
     demo.at[2] = -1e4f;
@@ -262,7 +270,7 @@ static void scales_and_offsets(void) {
 static void image_sizes(void) {
     static const uint32_t sizes[][2] = {{1, 1}, {1, 64}, {64, 1}, {8192, 4}};
     for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; ++i) {
-        Demo demo = demo_create();
+        Demo demo = small_demo();
         demo.params.width = sizes[i][0];
         demo.params.height = sizes[i][1];
         demo.params.samples = 1;
@@ -274,7 +282,7 @@ static void image_sizes(void) {
 static void extreme_parameters(void) {
     static const float kernels[] = {1e-6f, 1e-2f, 1e3f, 1e6f};
     for (size_t i = 0; i < sizeof kernels / sizeof kernels[0]; ++i) {
-        Demo demo = demo_create();
+        Demo demo = small_demo();
         demo.params.kernel_size = kernels[i];
         demo.params.light_samples = 3000; /* a large kernel makes every pixel see all of them */
         check_thoroughly(&demo, "kernel_size");
@@ -282,12 +290,12 @@ static void extreme_parameters(void) {
     }
     static const uint64_t light_samples[] = {1, 2, 9};
     for (size_t i = 0; i < sizeof light_samples / sizeof light_samples[0]; ++i) {
-        Demo demo = demo_create();
+        Demo demo = small_demo();
         demo.params.light_samples = light_samples[i];
         check_thoroughly(&demo, "light_samples");
         demo_free(&demo);
     }
-    Demo demo = demo_create();
+    Demo demo = small_demo();
     demo.params.width = demo.params.height = 8;
     demo.params.light_bounces = demo.params.camera_bounces = UINT32_MAX;
     check_demo(&demo, "bounces without end");
@@ -310,7 +318,7 @@ static void extreme_parameters(void) {
 static void extreme_media(void) {
     static const float iors[] = {0.1f, 0.7f, 1.0f, 1.0000001f, 2.5f, 10.0f};
     for (size_t i = 0; i < sizeof iors / sizeof iors[0]; ++i) {
-        Demo demo = demo_create();
+        Demo demo = small_demo();
         demo.material.ior = iors[i];
         check_thoroughly(&demo, "ior");
         demo_free(&demo);
@@ -318,7 +326,7 @@ static void extreme_media(void) {
     static const float densities[] = {0.0f, 1e-6f, 100.0f, 1e6f, 1e9f};
     for (size_t i = 0; i < sizeof densities / sizeof densities[0]; ++i)
         for (int part = 1; part <= 3; ++part) {
-            Demo demo = demo_create();
+            Demo demo = small_demo();
             demo.material = shape_resin(1.5f, part & 1 ? densities[i] : 0.0f,
                                         part & 2 ? densities[i] : 0.0f, 0.3f);
             check_thoroughly(&demo, "density");
@@ -329,7 +337,7 @@ static void extreme_media(void) {
         }
     static const float gs[] = {-0.99f, 0.99f, -0.9999f, 0.9999f};
     for (size_t i = 0; i < sizeof gs / sizeof gs[0]; ++i) {
-        Demo demo = demo_create();
+        Demo demo = small_demo();
         demo.material.lobes[0].g = gs[i];
         check_thoroughly(&demo, "g");
         /* Seen along the light and against it, where the peak is. */
@@ -342,7 +350,7 @@ static void extreme_media(void) {
         }
         demo_free(&demo);
     }
-    Demo demo = demo_create();
+    Demo demo = small_demo();
     demo.material.lobe_count = AMB_PHASE_LOBE_MAX;
     for (uint32_t l = 1; l < AMB_PHASE_LOBE_MAX; ++l)
         demo.material.lobes[l] = demo.material.lobes[0];
@@ -360,14 +368,14 @@ static void camera_and_lights_in_odd_places(void) {
     static const float places[][3] = {{0, 0, 0},           {0, 0, 1},          {0, -1, 0},
                                       {0.5f, 0.2f, -0.1f}, {0, 0, 0.9999999f}, {0, -4, 0.5f}};
     for (size_t i = 0; i < sizeof places / sizeof places[0]; ++i) {
-        Demo demo = demo_create();
+        Demo demo = small_demo();
         memcpy(demo.camera_at, places[i], sizeof demo.camera_at);
         check_thoroughly(&demo, "camera in the medium or on its surface");
         demo_free(&demo);
         /* Points, discs, spots and rectangles inside, on the surface, and in the camera. */
         for (uint32_t kind = AMB_LIGHT_POINT; kind <= AMB_LIGHT_AREA; ++kind)
             for (int soft = 0; soft < 2; ++soft) {
-                demo = demo_create();
+                demo = small_demo();
                 amb_light_init(&demo.light, kind);
                 memcpy(demo.light.position, places[i], sizeof demo.light.position);
                 demo.light.radius = soft ? 0.2f : 0.0f;
@@ -377,7 +385,7 @@ static void camera_and_lights_in_odd_places(void) {
                 demo_free(&demo);
             }
     }
-    Demo demo = demo_create();
+    Demo demo = small_demo();
     demo.light.position[2] = 1e6f;
     check_demo(&demo, "light far away");
     demo.light.radius = 1e6f;
@@ -398,7 +406,7 @@ static void camera_and_lights_in_odd_places(void) {
     check_demo(&demo, "area like a wire");
     demo_free(&demo);
 
-    demo = demo_create();
+    demo = small_demo();
     amb_camera_init(&demo.camera, AMB_CAMERA_ORTHOGRAPHIC);
     demo.camera.clip_start = -10.0f;
     check_thoroughly(&demo, "orthographic, from behind");
@@ -415,7 +423,7 @@ static void camera_and_lights_in_odd_places(void) {
 /* Spheres in one another, more than a path can keep track of. */
 static void more_nested_objects_than_fit(void) {
     enum { NESTED = 12 };
-    Demo demo = demo_create();
+    Demo demo = small_demo();
     const AmbMesh mesh = shape_mesh(&demo.shape, "shell", true);
     for (int inside = 0; inside < 2; ++inside) {
         demo.camera_at[1] = inside ? 0.0f : -4.0f;
@@ -444,7 +452,7 @@ static void more_nested_objects_than_fit(void) {
 static void overlapping_objects(void) {
     static const float offsets[] = {0.0f, 1e-7f, 0.5f, 2.0f};
     for (size_t i = 0; i < sizeof offsets / sizeof offsets[0]; ++i) {
-        Demo demo = demo_create();
+        Demo demo = small_demo();
         demo.params.light_bounces = demo.params.camera_bounces = 2;
         AmbScene *scene = demo_scene(&demo);
         const AmbMesh mesh = shape_mesh(&demo.shape, "twin", true);
@@ -460,7 +468,7 @@ static void overlapping_objects(void) {
 }
 
 static void surfaces_of_mixed_slots(void) {
-    Demo demo = demo_create();
+    Demo demo = small_demo();
     AmbScene *scene = demo_scene(&demo);
     uint32_t *slots = malloc(demo.shape.triangle_count * sizeof(uint32_t));
     for (uint64_t t = 0; t < demo.shape.triangle_count; ++t)
