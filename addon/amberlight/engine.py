@@ -25,7 +25,7 @@ from .export.conventions import border_rectangle
 from .export.export_log import ExportLog
 from .export.extract import extract_scene
 from .export.extract_camera import resolution
-from .passes import PASSES
+from .passes import COMBINED, PASSES, Pass
 from .properties import read_settings
 from .render_job import Frame, RenderJob, render_params
 from .viewport import Viewport
@@ -36,8 +36,10 @@ PREVIEW_SAMPLES = 8
 PREVIEW_LIGHT_SAMPLES = 20_000
 # A preview shows what it has after this time, if every pixel has a sample.
 PREVIEW_SECONDS = 1.0
-# Seconds between pictures of an unfinished render in the user interface.
+# Seconds between pictures of an unfinished render in the user interface, and the least of this
+# time in units of what such a picture takes: while it is made nothing looks for a break.
 DISPLAY_SECONDS = 1.0
+DISPLAY_INTERVAL = 10.0
 # Seconds between texts of one stage: a background Blender prints a line for each.
 STATS_SECONDS = 0.5
 
@@ -158,9 +160,9 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
         # Blender counts from the corner of the border, if there is one.
         return self.begin_result(0, 0, *job.render.size, layer=layer)
 
-    def show(self, job: RenderJob, layer: str) -> None:
-        """Hands the pixels of all passes of the view layer to Blender."""
-        for item in PASSES:
+    def show(self, job: RenderJob, layer: str, passes: tuple[Pass, ...] = PASSES) -> None:
+        """Hands the pixels of passes of the view layer to Blender."""
+        for item in passes:
             if not item.is_builtin:
                 self.add_pass(item.name, item.channels, item.channel_ids, layer=layer)
         result = self.begin(job, layer)
@@ -172,7 +174,7 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
                     f"Blender expects {result.resolution_x}x{result.resolution_y} pixels, "
                     f"the library rendered {width}x{height}"
                 )
-            known = {item.name: item for item in PASSES}
+            known = {item.name: item for item in passes}
             for target in result.layers[0].passes:
                 item = known.get(target.name)
                 if item and item.channels == target.channels:
@@ -239,7 +241,7 @@ class _Poll:
         self.text = ""
         self.told_at = 0.0
         self.shown_samples = 0
-        self.shown_at = time.perf_counter()
+        self.show_at = time.perf_counter() + DISPLAY_SECONDS
 
     def __call__(self, progress: Progress) -> bool:
         engine = self.engine
@@ -248,14 +250,20 @@ class _Poll:
         if bpy.app.background:
             if progress.stage != self.stage and not engine.is_preview:
                 say(f"{self.prefix}{progress.stage}: {progress.detail}")
-        elif progress.samples_done > self.shown_samples and not engine.is_preview:
-            now = time.perf_counter()
-            if now - self.shown_at > DISPLAY_SECONDS and progress.fraction < 1.0:
-                engine.show(self.job, self.layer)
-                self.shown_samples = progress.samples_done
-                self.shown_at = time.perf_counter()
+        elif not engine.is_preview:
+            self.show(progress)
         self.stage = progress.stage
         return not engine.test_break()
+
+    def show(self, progress: Progress) -> None:
+        """The picture as far as it is done."""
+        begin = time.perf_counter()
+        is_new = progress.samples_done > self.shown_samples and progress.fraction < 1.0
+        if is_new and begin >= self.show_at and not self.engine.test_break():
+            self.engine.show(self.job, self.layer, (COMBINED,))
+            self.shown_samples = progress.samples_done
+            end = time.perf_counter()
+            self.show_at = end + max(DISPLAY_SECONDS, DISPLAY_INTERVAL * (end - begin))
 
     def tell(self, progress: Progress) -> None:
         """The text of the status line: each stage at once, what changes within it now and then."""

@@ -25,3 +25,4 @@ PASSES = (
     Pass("Frequency",         1, "X",    "VALUE", False),
 )
 # fmt: on
+COMBINED = PASSES[0]

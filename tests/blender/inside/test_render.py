@@ -4,6 +4,7 @@
 import json
 import math
 import time
+import types
 
 import bpy
 import numpy as np
@@ -218,6 +219,30 @@ def test_cancel_within_a_fifth_of_a_second(small, fake_library, export):
 
 def test_cancel_of_the_real_library(ball, real_library, export):
     assert min(stop_after(0.5, export)[1] for _ in range(3)) < 0.2
+
+
+def test_pictures_on_the_way(small, fake_library, monkeypatch, render_to):
+    """As in a Blender with a window: Combined alone, and at the end all passes."""
+    from amberlight import engine
+
+    window = types.SimpleNamespace(background=False, version=bpy.app.version)
+    monkeypatch.setattr(engine, "bpy", types.SimpleNamespace(app=window, path=bpy.path))
+    monkeypatch.setattr(engine, "DISPLAY_SECONDS", 0.0)
+    shown = []
+    real = engine.write_pixels
+
+    def spy(target, pixels):
+        shown.append(target.name)
+        real(target, pixels)
+
+    monkeypatch.setattr(engine, "write_pixels", spy)
+    channels = render_to()
+    # Depth is not switched on.
+    assert shown[0] == "Combined" and sorted(shown[1:]) == [
+        "Combined", "Frequency", "Single Scattering", "Surface",
+    ]  # fmt: skip
+    for name in ("Combined.R", "Surface.B", "Frequency.X"):
+        assert np.array_equal(channels[f"ViewLayer.{name}"], grid()), name
 
 
 def test_texts_are_few(small, fake_library, export):
