@@ -111,6 +111,11 @@ class AmberlightSceneSettings(bpy.types.PropertyGroup):
         description="What is seen through refractive objects",
         default=DEFAULT.use_background,
     )
+    use_transmitted_light: BoolProperty(
+        name="Light Through Objects",
+        description="Light that passes one refractive object and then enters another",
+        default=DEFAULT.use_transmitted_light,
+    )
     light_bounces: IntProperty(
         name="Light Bounces",
         description="Most " + FOLLOW.format("light"),

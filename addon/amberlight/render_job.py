@@ -30,6 +30,7 @@ EFFECTS = {
     "use_multiple_scattering": (_ffi.AMB_EFFECT_MULTIPLE_SCATTERING, False),
     "use_surface_reflection": (_ffi.AMB_EFFECT_SURFACE_REFLECTION, True),
     "use_background": (_ffi.AMB_EFFECT_BACKGROUND, True),
+    "use_transmitted_light": (_ffi.AMB_EFFECT_TRANSMITTED_LIGHT, True),
 }
 MISSING_SETTINGS = {
     "use_double_scattering": "double scattering",
@@ -57,6 +58,7 @@ class Settings:
     use_multiple_scattering: bool = False
     use_surface_reflection: bool = True
     use_background: bool = True
+    use_transmitted_light: bool = True
     light_bounces: int = 0
     camera_bounces: int = 0
     adjoint_normals: bool = True

@@ -126,6 +126,7 @@ def set_render(size: int, settings: dict[str, str]) -> None:
     ours.effects = "MANUAL"
     ours.use_single_scattering = True
     ours.use_surface_reflection = ours.use_background = False
+    ours.use_transmitted_light = False
     ours.light_bounces = ours.camera_bounces = 0
     ours.adjoint_normals = False
     for name, text in settings.items():

@@ -11,6 +11,7 @@ from amberlight.render_job import Frame, Settings, ignored_settings, render_para
 SINGLE = _ffi.AMB_EFFECT_SINGLE_SCATTERING
 SURFACE = _ffi.AMB_EFFECT_SURFACE_REFLECTION
 BACKGROUND = _ffi.AMB_EFFECT_BACKGROUND
+TRANSMITTED = _ffi.AMB_EFFECT_TRANSMITTED_LIGHT
 
 
 def effects(**settings):
@@ -25,17 +26,17 @@ def test_params_are_fields_of_the_struct():
 
 
 def test_automatic_effects():
-    assert effects() == (SINGLE | SURFACE | BACKGROUND, [])
+    assert effects() == (SINGLE | SURFACE | BACKGROUND | TRANSMITTED, [])
     # The booleans count only when the user chooses.
     assert effects(use_background=False, use_double_scattering=True)[1] == []
 
 
 def test_manual_effects():
-    assert effects(effects="MANUAL", use_background=False)[0] == SINGLE | SURFACE
+    assert effects(effects="MANUAL", use_background=False)[0] == SINGLE | SURFACE | TRANSMITTED
     bits, lines = effects(
         effects="MANUAL", use_double_scattering=True, use_multiple_scattering=True, accuracy=0.1
     )
-    assert bits == SINGLE | SURFACE | BACKGROUND
+    assert bits == SINGLE | SURFACE | BACKGROUND | TRANSMITTED
     assert lines == [
         "accuracy is not available in this version, ignored",
         "double scattering is not available in this version, ignored",

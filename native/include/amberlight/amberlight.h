@@ -124,7 +124,8 @@ enum {
 };
 
 /* sigma_t = sigma_a + the sum of the lobes' sigma_s. The medium fills the side that the
- * triangles' geometric normals point away from. */
+ * triangles' geometric normals point away from; a mesh that encloses negative volume is inside
+ * out and taken the right way round, which the report says. */
 typedef struct AmbMaterial {
     uint32_t struct_size;
     uint32_t surface; /* AMB_SURFACE_* */
@@ -260,7 +261,9 @@ enum {
     AMB_EFFECT_DOUBLE_SCATTERING = 1 << 1,   /* AMB_UNSUPPORTED in this version */
     AMB_EFFECT_MULTIPLE_SCATTERING = 1 << 2, /* AMB_UNSUPPORTED in this version */
     AMB_EFFECT_SURFACE_REFLECTION = 1 << 3,
-    AMB_EFFECT_BACKGROUND = 1 << 4, /* what is seen through a refractive object */
+    AMB_EFFECT_BACKGROUND = 1 << 4,        /* what is seen through a refractive object */
+    AMB_EFFECT_TRANSMITTED_LIGHT = 1 << 5, /* light that passes one refractive object and then
+                                            * enters another, or the same again */
 };
 
 typedef struct AmbRenderParams {

@@ -2,6 +2,7 @@
  * Parallel loops on POSIX threads. */
 #include "base/parallel.h"
 
+#include <math.h>
 #include <pthread.h>
 #include <time.h>
 #include <unistd.h>
@@ -10,6 +11,7 @@ enum { THREAD_MAX = 256 };
 
 typedef struct Loop {
     Job *job;
+    const char *function_name; /* public function of the caller, for failures on other threads */
     uint64_t count;
     uint64_t grain;
     ParallelFunction function;
@@ -30,6 +32,12 @@ static double read_clock(clockid_t id) {
     struct timespec now;
     clock_gettime(id, &now);
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+void clock_sleep(double seconds) {
+    const struct timespec time = {.tv_sec = (time_t)seconds,
+                                  .tv_nsec = (long)(1e9 * (seconds - floor(seconds)))};
+    nanosleep(&time, NULL);
 }
 
 double clock_wall(void) {
@@ -87,6 +95,7 @@ static void loop_run(Loop *loop, uint32_t thread) {
 
 static void *worker_main(void *user) {
     const Worker *worker = user;
+    status_enter(worker->loop->function_name);
     const double cpu = clock_thread_cpu();
     loop_run(worker->loop, worker->thread);
     atomic_fetch_add(&worker->loop->job->cpu_ns, (uint64_t)(1e9 * (clock_thread_cpu() - cpu)));
@@ -95,7 +104,8 @@ static void *worker_main(void *user) {
 
 AmbStatus parallel_for(Job *job, uint64_t count, uint64_t grain, ParallelFunction function,
                        void *user) {
-    Loop loop = {.job = job,
+    Loop loop = {.function_name = status_entered(),
+                 .job = job,
                  .count = count,
                  .grain = grain > 0 ? grain : 1,
                  .function = function,

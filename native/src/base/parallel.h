@@ -35,6 +35,7 @@ typedef AmbStatus (*ParallelFunction)(void *user, uint64_t begin, uint64_t end, 
 AmbStatus parallel_for(Job *job, uint64_t count, uint64_t grain, ParallelFunction function,
                        void *user);
 
+void clock_sleep(double seconds);
 double clock_wall(void);        /* seconds, monotonic */
 double clock_thread_cpu(void);  /* seconds of the calling thread */
 double clock_process_cpu(void); /* seconds of all threads of the process */

@@ -17,6 +17,10 @@ void status_enter(const char *function) {
     copy_text(entered, sizeof entered, function);
 }
 
+const char *status_entered(void) {
+    return entered;
+}
+
 void status_record(AmbStatus code, const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);

@@ -16,6 +16,7 @@
 
 /* Names the public function that the calling thread is in; later failures carry it. */
 void status_enter(const char *function);
+const char *status_entered(void); /* valid on this thread until the next status_enter */
 
 /* Records a failure for the calling thread; its value is the code. The message is cut at 255
  * bytes; nothing is allocated. A macro, so that compilers and analysers see which code returns. */

@@ -166,7 +166,7 @@ static void follow(Walker *walker, Branch branch) {
             is_hit ? hit.t
                    : fminf(branch.t_max,
                            scene->radius + vec3_length(vec3_sub(branch.o, scene->center)));
-        if (!is_hit)
+        if (!is_hit && !isfinite(branch.t_max))
             ++walker->out->leak_count;
         pass_medium(walker, &branch, length);
     }
@@ -210,7 +210,8 @@ CameraSample camera_sample(const AmbScene *scene, const Field *field, const Came
                              .d = ray.d,
                              .t_max = ray.t_max,
                              .throughput = {1, 1, 1},
-                             .stack = params->start});
+                             .stack = params->may_start_inside ? scene_media_at(scene, ray.o)
+                                                               : (MediumStack){.count = 0}});
     if (sample.depth != CAMERA_DEPTH_NONE)
         sample.depth = ray.depth_o + sample.depth * ray.cos_axis;
     return sample;

@@ -11,7 +11,7 @@ typedef struct CameraParams {
     uint32_t bounces;       /* internal reflections to follow */
     uint32_t seed;
     bool film_transparent;
-    MediumStack start; /* media around the camera */
+    bool may_start_inside; /* a translucent object is near where camera rays begin */
 } CameraParams;
 
 typedef struct CameraSample {

@@ -18,7 +18,7 @@ const FilmPass FILM_PASSES[FILM_PASS_COUNT] = {
 
 AmbStatus film_create(uint32_t width, uint32_t height, Film *out_film) {
     memset(out_film, 0, sizeof *out_film);
-    out_film->pixels = memory_zero_array((uint64_t)width * height, sizeof(FilmPixel));
+    out_film->pixels = memory_alloc_array((uint64_t)width * height, sizeof(FilmPixel));
     if (out_film->pixels == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for an image of %u x %u pixels", width,
                            height);
@@ -53,7 +53,7 @@ void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum) {
     }
     const uint64_t index = (uint64_t)y * film->width + x;
     FilmPixel *pixel = &film->pixels[index];
-    pthread_mutex_t *lock = &film->locks[index % FILM_LOCK_COUNT];
+    pthread_mutex_t *lock = &film->locks[y % FILM_LOCK_COUNT];
     pthread_mutex_lock(lock);
     pixel->single = rgb_add(pixel->single, add.single);
     pixel->surface = rgb_add(pixel->surface, add.surface);
@@ -108,14 +108,17 @@ static void read_pixel(const FilmPixel *pixel, uint32_t pass, float *out) {
 
 void film_read_row(Film *film, uint32_t pass, uint32_t y, float *out_row) {
     const uint32_t channels = FILM_PASSES[pass].channels;
-    for (uint32_t x = 0; x < film->width; ++x) {
-        const uint64_t index = (uint64_t)y * film->width + x;
-        pthread_mutex_t *lock = &film->locks[index % FILM_LOCK_COUNT];
-        pthread_mutex_lock(lock);
-        const FilmPixel pixel = film->pixels[index];
-        pthread_mutex_unlock(lock);
-        read_pixel(&pixel, pass, out_row + (uint64_t)x * channels);
-    }
+    const FilmPixel *row = film->pixels + (uint64_t)y * film->width;
+    pthread_mutex_t *lock = &film->locks[y % FILM_LOCK_COUNT];
+    pthread_mutex_lock(lock);
+    for (uint32_t x = 0; x < film->width; ++x)
+        read_pixel(&row[x], pass, out_row + (uint64_t)x * channels);
+    pthread_mutex_unlock(lock);
+}
+
+void film_zero_rows(Film *film, uint32_t begin, uint32_t end) {
+    memset(film->pixels + (uint64_t)begin * film->width, 0,
+           (uint64_t)(end - begin) * film->width * sizeof(FilmPixel));
 }
 
 uint64_t film_bytes(const Film *film) {

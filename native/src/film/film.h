@@ -23,12 +23,16 @@ typedef struct FilmPixel {
 typedef struct Film {
     uint32_t width, height;                 /* of the rendered rectangle, pixels */
     FilmPixel *pixels;                      /* row 0 = bottom */
-    pthread_mutex_t locks[FILM_LOCK_COUNT]; /* a reader may look while samples arrive */
+    pthread_mutex_t locks[FILM_LOCK_COUNT]; /* by row: a reader may look while samples arrive */
     atomic_uint_least64_t nonfinite_single, nonfinite_surface; /* samples refused, by birthplace */
 } Film;
 
+/* Room for the pixels, not yet zeroed: on a large image that takes seconds. */
 AmbStatus film_create(uint32_t width, uint32_t height, Film *out_film);
 void film_clear(Film *film);
+
+/* Before the first film_add, for every row. */
+void film_zero_rows(Film *film, uint32_t begin, uint32_t end);
 
 /* Adds the sum of some samples of a pixel. Values that are not finite are counted by where they
  * were born and left out: above zero the counts are a defect. */

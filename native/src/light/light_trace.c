@@ -19,6 +19,9 @@ static const float OPTICAL_DEPTH_MAX = 18.4f;
  * surroundings (flux per area and transmittance both vanish with the cosine) and its footprint
  * has no useful direction. */
 static const float GRAZING_COS = 1e-4f;
+/* Branches with less than this share of their ray's flux end: what all of them together would add
+ * is below 1e-5 of the light, and a clear object with many bounces would fill memory with them. */
+static const float FLUX_MIN = 1e-6f;
 
 /* Rays of one light towards one object. */
 typedef struct Batch {
@@ -53,7 +56,9 @@ typedef struct Branch {
     MediumStack stack;
     float entry_area, cell_area; /* 0: not inside yet */
     float start_slope;
+    float emitted; /* largest channel of the ray's flux at the light */
     uint32_t bounces;
+    bool is_direct; /* has met no boundary yet */
 } Branch;
 
 static AmbStatus chunk_append(Chunk *chunk, const LightBeam *beam, uint32_t owner) {
@@ -130,47 +135,87 @@ static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, 
     return status;
 }
 
-static Branch branch_beyond(const Branch *from, const AmbScene *scene, const Hit *hit,
-                            const SurfacePoint *surface, const BoundaryCrossing *crossing) {
-    Branch next = *from;
-    const DielectricSplit *split = &crossing->split;
+/* A branch arrives at a boundary. */
+typedef struct Arrival {
+    const Branch *branch; /* pairs and flux as they are there */
+    const Hit *hit;
+    const SurfacePoint *surface;
+    const BoundaryCrossing *crossing;
+} Arrival;
+
+static Branch branch_on(const AmbScene *scene, const Arrival *arrival, bool is_refracted) {
+    const DielectricSplit *split = &arrival->crossing->split;
+    const Vec3 n = arrival->crossing->n;
+    Branch next = *arrival->branch;
     for (int k = 0; k < TANGENT_COUNT; ++k) {
-        const Vec3 dn = scene_normal_derivative(scene, hit, next.pairs[k].dp);
-        const Vec3 inward = crossing->is_entering ? dn : vec3_negate(dn);
-        next.pairs[k] = tangent_refract(next.pairs[k], from->d, crossing->n, inward, crossing->eta,
-                                        split->cos_i, split->cos_t);
+        const TangentPair pair = next.pairs[k];
+        Vec3 dn = scene_normal_derivative(scene, arrival->hit, pair.dp);
+        if (!arrival->crossing->is_entering)
+            dn = vec3_negate(dn);
+        next.pairs[k] = is_refracted ? tangent_refract(pair, next.d, n, dn, arrival->crossing->eta,
+                                                       split->cos_i, split->cos_t)
+                                     : tangent_reflect(pair, next.d, n, dn, split->cos_i);
     }
-    next.d = split->refracted;
-    next.o = scene_leave(surface, next.d);
-    next.stack = crossing->beyond;
-    next.start_slope = slope(vec3_dot(next.d, surface->ng));
+    next.d = is_refracted ? split->refracted : split->reflected;
+    next.o = scene_leave(arrival->surface, next.d);
+    next.start_slope = slope(vec3_dot(next.d, arrival->surface->ng));
+    next.is_direct = false;
     return next;
 }
 
-static Branch branch_back(const Branch *from, const AmbScene *scene, const Hit *hit,
-                          const SurfacePoint *surface, const BoundaryCrossing *crossing) {
-    Branch next = *from;
-    const DielectricSplit *split = &crossing->split;
-    for (int k = 0; k < TANGENT_COUNT; ++k) {
-        const Vec3 dn = scene_normal_derivative(scene, hit, next.pairs[k].dp);
-        const Vec3 inward = crossing->is_entering ? dn : vec3_negate(dn);
-        next.pairs[k] = tangent_reflect(next.pairs[k], from->d, crossing->n, inward, split->cos_i);
+/* Whether a branch still carries enough of its ray's flux to be followed. */
+static bool is_worth(const Branch *branch) {
+    return rgb_max(branch->flux) > FLUX_MIN * branch->emitted;
+}
+
+static Branch refract_branch(const Tracer *tracer, const Arrival *arrival) {
+    const BoundaryCrossing *crossing = arrival->crossing;
+    Branch next = branch_on(tracer->scene, arrival, true);
+    float weight = 1.0f - crossing->split.reflectance;
+    if (tracer->params->adjoint_normals)
+        weight *= crossing->adjoint_refract;
+    next.flux = rgb_mul(rgb_scale(next.flux, weight), arrival->surface->material->transmit_color);
+    next.stack = crossing->beyond;
+    if (arrival->branch->stack.count == 0) {
+        const TangentSpread spread = tangent_spread(next.pairs, next.d);
+        next.entry_area = tangent_cross_section(&spread, 0.0f);
+        next.cell_area = tangent_cell_area(next.pairs, next.d, 0.0f);
     }
-    next.d = split->reflected;
-    next.o = scene_leave(surface, next.d);
-    next.bounces = from->bounces + 1;
-    next.start_slope = slope(vec3_dot(next.d, surface->ng));
     return next;
+}
+
+static Branch reflect_branch(const Tracer *tracer, const Arrival *arrival) {
+    const BoundaryCrossing *crossing = arrival->crossing;
+    Branch next = branch_on(tracer->scene, arrival, false);
+    float weight = crossing->split.reflectance;
+    if (tracer->params->adjoint_normals)
+        weight *= crossing->adjoint_reflect;
+    next.flux = rgb_mul(rgb_scale(next.flux, weight), arrival->surface->material->reflect_color);
+    ++next.bounces;
+    return next;
+}
+
+/* The intensity of Cycles' discs falls as 1/(d^2 + r^2) where that of our emission falls as
+ * 1/d^2. */
+static float disc_falloff(const SceneLight *light, float distance) {
+    const float d2 = distance * distance;
+    return light->radius > 0.0f ? d2 / (d2 + light->radius * light->radius) : 1.0f;
 }
 
 static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t index, Chunk *chunk) {
     const AmbScene *scene = tracer->scene;
+    const LightTraceParams *params = tracer->params;
     const LightRay ray = light_emit(&batch->emission, index);
     if (!(rgb_max(ray.flux) > 0.0f))
         return AMB_OK;
     Branch waiting[ORDER_MAX];
     uint32_t waiting_count = 1;
-    waiting[0] = (Branch){.o = ray.o, .d = ray.d, .flux = ray.flux, .stack = batch->start};
+    waiting[0] = (Branch){.o = ray.o,
+                          .d = ray.d,
+                          .flux = ray.flux,
+                          .emitted = rgb_max(ray.flux),
+                          .stack = batch->start,
+                          .is_direct = true};
     memcpy(waiting[0].pairs, ray.pairs, sizeof ray.pairs);
 
     for (int event = 0; waiting_count > 0 && event < EVENT_MAX; ++event) {
@@ -183,8 +228,11 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
             continue;
         }
         const SurfacePoint surface = scene_surface(scene, &hit);
-        if (is_outside && surface.object != batch->target)
+        /* Each object that a light reaches first has rays of its own. */
+        if (is_outside && branch.is_direct && surface.object != batch->target)
             continue;
+        if (branch.is_direct && is_outside)
+            branch.flux = rgb_scale(branch.flux, disc_falloff(batch->emission.light, hit.t));
         const float cos_face = vec3_dot(branch.d, surface.ng);
         if (!is_outside)
             AMB_TRY(emit_beam(chunk, scene, &branch, hit.t, slope(cos_face)));
@@ -199,34 +247,25 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
             waiting[waiting_count++] = branch;
             continue;
         }
-        if (is_outside)
+        if (is_outside && branch.is_direct)
             tally_add(chunk->tally.incident, branch.flux);
         if (fabsf(cos_face) < GRAZING_COS || crossing.split.cos_i < GRAZING_COS)
             continue;
 
-        const bool stays_inside = crossing.beyond.count > 0;
-        if (crossing.can_refract && stays_inside && waiting_count < ORDER_MAX) {
-            Branch next = branch_beyond(&branch, scene, &hit, &surface, &crossing);
-            float weight = 1.0f - crossing.split.reflectance;
-            if (tracer->params->adjoint_normals)
-                weight *= crossing.adjoint_refract;
-            next.flux = rgb_mul(rgb_scale(next.flux, weight), surface.material->transmit_color);
-            if (is_outside) {
-                const TangentSpread spread = tangent_spread(next.pairs, next.d);
-                next.entry_area = tangent_cross_section(&spread, 0.0f);
-                next.cell_area = tangent_cell_area(next.pairs, next.d, 0.0f);
+        const Arrival arrival = {&branch, &hit, &surface, &crossing};
+        const bool goes_on = crossing.beyond.count > 0 || params->follows_through;
+        if (crossing.can_refract && goes_on && waiting_count < ORDER_MAX) {
+            const Branch next = refract_branch(tracer, &arrival);
+            if (is_outside && branch.is_direct)
                 tally_add(chunk->tally.entered, next.flux);
-            }
-            waiting[waiting_count++] = next;
+            if (is_worth(&next))
+                waiting[waiting_count++] = next;
         }
-        if (crossing.can_reflect && !is_outside && branch.bounces < tracer->params->bounces &&
+        if (crossing.can_reflect && !is_outside && branch.bounces < params->bounces &&
             waiting_count < ORDER_MAX) {
-            Branch next = branch_back(&branch, scene, &hit, &surface, &crossing);
-            float weight = crossing.split.reflectance;
-            if (tracer->params->adjoint_normals)
-                weight *= crossing.adjoint_reflect;
-            next.flux = rgb_mul(rgb_scale(next.flux, weight), surface.material->reflect_color);
-            waiting[waiting_count++] = next;
+            const Branch next = reflect_branch(tracer, &arrival);
+            if (is_worth(&next))
+                waiting[waiting_count++] = next;
         }
     }
     return AMB_OK;
@@ -251,14 +290,13 @@ static AmbStatus trace_chunk(void *user, uint64_t begin, uint64_t end, uint32_t 
     return AMB_OK;
 }
 
-/* Lists the pairs of a light and a boundary that can meet, and shares the rays among them. */
-static AmbStatus plan_batches(Tracer *tracer) {
+/* Lists the pairs of a light and a boundary that can meet. */
+static AmbStatus list_batches(Tracer *tracer) {
     const AmbScene *scene = tracer->scene;
     tracer->batches =
         memory_zero_array((uint64_t)scene->light_count * scene->object_count, sizeof(Batch));
     if (tracer->batches == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light plan");
-    double total = 0.0;
     for (uint32_t l = 0; l < scene->light_count; ++l) {
         const SceneLight *light = &scene->lights[l];
         MediumStack start = {0};
@@ -266,7 +304,7 @@ static AmbStatus plan_batches(Tracer *tracer) {
             start = scene_media_at(scene, light->position);
         for (uint32_t o = 0; o < scene->object_count; ++o) {
             const SceneObject *object = &scene->objects[o];
-            /* Light that starts inside stays with the outermost object around it. */
+            /* Light that starts inside begins with the outermost object around it. */
             if (!object->is_boundary || (start.count > 0 && start.objects[0] != o))
                 continue;
             const Rng rng = rng_create(tracer->params->seed, RNG_STAGE_LIGHT, l);
@@ -282,30 +320,38 @@ static AmbStatus plan_batches(Tracer *tracer) {
                            .target = o};
             if (start.count > 0)
                 batch.emission.target_radius = INFINITY; /* every direction */
-            const double power = (double)light_power_towards(&batch.emission);
-            if (!(power > 0.0))
-                continue;
-            total += power;
-            tracer->batches[tracer->batch_count++] = batch;
+            if (light_power_towards(&batch.emission) > 0.0f)
+                tracer->batches[tracer->batch_count++] = batch;
         }
     }
+    return AMB_OK;
+}
+
+/* Shares the rays: half by the flux exchanged, half alike. By flux alone a bead beside a statue
+ * would get no ray at all. */
+static void share_rays(Tracer *tracer) {
+    double total = 0.0;
+    for (uint64_t b = 0; b < tracer->batch_count; ++b)
+        total += (double)light_power_towards(&tracer->batches[b].emission);
     double running = 0.0;
     uint64_t first = 0;
     for (uint64_t b = 0; b < tracer->batch_count; ++b) {
         Batch *batch = &tracer->batches[b];
-        running += (double)light_power_towards(&batch->emission);
+        running += 0.5 * (double)light_power_towards(&batch->emission) / total +
+                   0.5 / (double)tracer->batch_count;
         batch->first = first;
-        uint64_t end = (uint64_t)((double)tracer->params->ray_count * (running / total));
+        uint64_t end = (uint64_t)((double)tracer->params->ray_count * running);
         if (b + 1 == tracer->batch_count)
             end = tracer->params->ray_count;
         batch->emission.count = end > first ? end - first : 0;
         first = first + batch->emission.count;
     }
-    return AMB_OK;
 }
 
 static AmbStatus gather_chunks(const Tracer *tracer, uint64_t chunk_count, LightField *field) {
     for (uint64_t c = 0; c < chunk_count; ++c) {
+        if (job_is_cancelled(tracer->job))
+            return AMB_CANCELLED;
         const Chunk *chunk = &tracer->chunks[c];
         for (uint64_t i = 0; i < chunk->count; ++i)
             ++field->objects[chunk->owners[i]].count;
@@ -319,6 +365,8 @@ static AmbStatus gather_chunks(const Tracer *tracer, uint64_t chunk_count, Light
         beams->count = 0;
     }
     for (uint64_t c = 0; c < chunk_count; ++c) {
+        if (job_is_cancelled(tracer->job))
+            return AMB_CANCELLED;
         Chunk *chunk = &tracer->chunks[c];
         for (uint64_t i = 0; i < chunk->count; ++i) {
             LightBeams *beams = &field->objects[chunk->owners[i]];
@@ -346,8 +394,9 @@ AmbStatus light_trace(const AmbScene *scene, const LightTraceParams *params, Job
     if (tracer.chunks == NULL || out_field->objects == NULL)
         status = status_fail(AMB_OUT_OF_MEMORY, "no memory for the light pass");
     if (status == AMB_OK)
-        status = plan_batches(&tracer);
+        status = list_batches(&tracer);
     if (status == AMB_OK && tracer.batch_count > 0) {
+        share_rays(&tracer);
         atomic_store(&job->work_done, 0);
         atomic_store(&job->work_total, chunk_count);
         status = parallel_for(job, chunk_count, 1, trace_chunk, &tracer);

@@ -46,6 +46,7 @@ typedef struct LightField {
 typedef struct LightTraceParams {
     uint64_t ray_count;   /* to emit, over all lights and objects */
     uint32_t bounces;     /* internal reflections to follow */
+    bool follows_through; /* go on with light that leaves an object, to others behind it */
     bool adjoint_normals; /* see BoundaryCrossing */
     uint32_t seed;
 } LightTraceParams;

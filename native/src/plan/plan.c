@@ -101,6 +101,43 @@ static PlanEffect plan_background(const AmbScene *scene, const AmbRenderParams *
     return simulated(name, "a translucent object is there");
 }
 
+/* Whether the bounding sphere of a translucent object reaches where camera rays begin: within the
+ * near plane's part of the view, or for an orthographic camera the window pushed to it. */
+static bool may_start_inside(const AmbScene *scene) {
+    const SceneCamera *camera = &scene->camera;
+    const float *w = camera->window;
+    const float x = fmaxf(fabsf(w[0]), fabsf(w[1])), y = fmaxf(fabsf(w[2]), fabsf(w[3]));
+    const float start = camera->clip_start;
+    float reach = camera->kind == AMB_CAMERA_ORTHOGRAPHIC ? sqrtf(x * x + y * y + start * start)
+                                                          : start * sqrtf(1.0f + x * x + y * y);
+    reach += camera->lens_radius;
+    for (uint32_t o = 0; o < scene->object_count; ++o) {
+        const SceneObject *object = &scene->objects[o];
+        const float distance = vec3_length(vec3_sub(object->center, camera->position));
+        if (object->is_boundary && !(distance > object->radius + reach))
+            return true;
+    }
+    return false;
+}
+
+static PlanEffect plan_transmitted(const AmbRenderParams *params, bool is_single_simulated) {
+    const char *name = "light through other objects";
+    if ((params->effects & AMB_EFFECT_TRANSMITTED_LIGHT) == 0)
+        return skipped(name, "switched off");
+    if (!is_single_simulated)
+        return skipped(name, "nothing scatters");
+    return simulated(name, "light may pass one boundary and reach another");
+}
+
+static PlanEffect plan_world(const AmbScene *scene) {
+    const char *name = "light of the world in media";
+    if (!(rgb_max(scene->world) > 0.0f))
+        return skipped(name, "the world is black");
+    if (!has_scattering(scene))
+        return skipped(name, "no medium scatters");
+    return skipped(name, "not available in this version: it is seen, but does not scatter");
+}
+
 Plan plan_create(const AmbScene *scene, const AmbRenderParams *params) {
     Plan plan = {.estimator = params->estimator};
     if (plan.estimator == AMB_ESTIMATOR_AUTO)
@@ -117,6 +154,8 @@ Plan plan_create(const AmbScene *scene, const AmbRenderParams *params) {
                      is_single || (params->effects & AMB_EFFECT_BACKGROUND) != 0);
     effects[PLAN_SURFACE_REFLECTION] = plan_surface(scene, params);
     effects[PLAN_BACKGROUND] = plan_background(scene, params);
+    effects[PLAN_TRANSMITTED_LIGHT] = plan_transmitted(params, is_single);
+    effects[PLAN_WORLD_LIGHT] = plan_world(scene);
     effects[PLAN_DOUBLE_SCATTERING] = skipped("double scattering", "not available in this version");
     effects[PLAN_MULTIPLE_SCATTERING] =
         skipped("multiple scattering", "not available in this version");
@@ -126,6 +165,7 @@ Plan plan_create(const AmbScene *scene, const AmbRenderParams *params) {
                          ? params->light_samples / SAMPLES_PER_RAY
                          : 1,
         .bounces = effects[PLAN_LIGHT_BOUNCES].is_simulated ? params->light_bounces : 0,
+        .follows_through = effects[PLAN_TRANSMITTED_LIGHT].is_simulated,
         .adjoint_normals = params->adjoint_normals != 0,
         .seed = params->seed};
     plan.field = (FieldParams){.estimator = plan.estimator,
@@ -144,6 +184,6 @@ Plan plan_create(const AmbScene *scene, const AmbRenderParams *params) {
         .bounces = effects[PLAN_CAMERA_BOUNCES].is_simulated ? params->camera_bounces : 0,
         .seed = params->seed,
         .film_transparent = params->film_transparent != 0,
-        .start = scene_media_at(scene, scene->camera.position)};
+        .may_start_inside = may_start_inside(scene)};
     return plan;
 }

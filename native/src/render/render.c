@@ -5,6 +5,7 @@
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <time.h>
 
 #include "base/memory.h"
@@ -25,11 +26,18 @@ typedef struct Round {
 } Round;
 
 static void set_stage(AmbRender *render, uint32_t stage) {
+    /* First, so that no reader takes the last stage's count for the new one's. */
+    atomic_store(&render->job.work_total, 0);
+    atomic_store(&render->job.work_done, 0);
     pthread_mutex_lock(&render->lock);
     render->stage = stage;
     pthread_mutex_unlock(&render->lock);
-    atomic_store(&render->job.work_done, 0);
-    atomic_store(&render->job.work_total, 0);
+}
+
+static AmbStatus zero_rows(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    film_zero_rows(user, (uint32_t)begin, (uint32_t)end);
+    return AMB_OK;
 }
 
 static AmbStatus render_pixel(const Round *round, uint32_t x, uint32_t y) {
@@ -158,6 +166,7 @@ static AmbStatus run_field(AmbRender *render, const LightField *light, Field **o
 }
 
 static AmbStatus run_stages(AmbRender *render) {
+    AMB_TRY(parallel_for(&render->job, render->film.height, 16, zero_rows, &render->film));
     AMB_TRY(run_scene(render));
     Field *field = NULL;
     if (render->plan.effects[PLAN_SINGLE_SCATTERING].is_simulated) {
@@ -191,6 +200,9 @@ static void *render_main(void *user) {
     }
     status_copy_record(&render->error);
     render->elapsed = clock_wall() - render->start;
+    struct rusage usage;
+    getrusage(RUSAGE_SELF, &usage);
+    render->peak_rss_bytes = 1024 * (uint64_t)usage.ru_maxrss;
     pthread_cond_broadcast(&render->ended_changed);
     pthread_mutex_unlock(&render->lock);
     return NULL;
@@ -280,7 +292,7 @@ void render_cancel(AmbRender *render) {
 AmbStatus render_wait(AmbRender *render, double timeout, bool *out_ended) {
     struct timespec deadline;
     clock_gettime(CLOCK_MONOTONIC, &deadline);
-    const double limit = timeout < 1e9 ? timeout : 1e9;
+    const double limit = fmax(0.0, timeout < 1e9 ? timeout : 1e9);
     const double nanoseconds = (limit - (double)(time_t)limit) * 1e9 + (double)deadline.tv_nsec;
     deadline.tv_sec += (time_t)limit + (time_t)(nanoseconds / 1e9);
     deadline.tv_nsec = (long)(nanoseconds - 1e9 * (double)(time_t)(nanoseconds / 1e9));

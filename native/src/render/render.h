@@ -41,7 +41,7 @@ struct AmbRender {
     uint64_t ray_count, light_sample_count, light_leak_count;
     atomic_uint_least64_t camera_leak_count;
     LightTally tally;
-    uint64_t scene_bytes, light_bytes, field_bytes;
+    uint64_t scene_bytes, light_bytes, field_bytes, peak_rss_bytes;
     bool has_plan;
 };
 

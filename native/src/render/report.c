@@ -4,7 +4,6 @@
 
 #include <stdarg.h>
 #include <stdio.h>
-#include <sys/resource.h>
 
 typedef struct Text {
     char *buffer;
@@ -48,14 +47,12 @@ static void add_stages(Text *text, const AmbRender *render) {
 }
 
 static void add_memory(Text *text, const AmbRender *render) {
-    struct rusage usage;
-    getrusage(RUSAGE_SELF, &usage);
     add(text,
         "  \"memory\": {\"scene_bytes\": %llu, \"light_bytes\": %llu, \"field_bytes\": %llu, "
         "\"film_bytes\": %llu, \"peak_rss_bytes\": %llu},\n",
         (unsigned long long)render->scene_bytes, (unsigned long long)render->light_bytes,
         (unsigned long long)render->field_bytes, (unsigned long long)film_bytes(&render->film),
-        1024ull * (unsigned long long)usage.ru_maxrss);
+        (unsigned long long)render->peak_rss_bytes);
 }
 
 static void add_light(Text *text, const AmbRender *render) {
@@ -66,28 +63,55 @@ static void add_light(Text *text, const AmbRender *render) {
     add_rgb(text, "flux_interacting", render->tally.interacting, "},\n");
 }
 
-static void add_warnings(Text *text, const AmbRender *render, uint64_t nonfinite) {
-    const struct {
-        const char *text;
-        uint64_t count;
-    } warnings[] = {
-        {"light rays left a translucent object through a hole in its mesh: close it for a right "
-         "picture",
-         render->light_leak_count},
-        {"camera rays left a translucent object through a hole in its mesh: close it for a right "
-         "picture",
-         atomic_load(&render->camera_leak_count)},
-        {"samples were not finite and were left out: please report this scene", nonfinite},
-    };
-    add(text, "  \"warnings\": [");
-    bool is_first = true;
-    for (uint64_t i = 0; i < sizeof warnings / sizeof warnings[0]; ++i) {
-        if (warnings[i].count == 0)
-            continue;
-        add(text, "%s\n    {\"text\": \"%s\", \"count\": %llu}", is_first ? "" : ",",
-            warnings[i].text, (unsigned long long)warnings[i].count);
-        is_first = false;
+/* A string of the user's, as the inside of a JSON string. */
+static void add_escaped(Text *text, const char *string) {
+    for (const unsigned char *c = (const unsigned char *)string; *c != 0; ++c) {
+        if (*c == '"' || *c == '\\' || *c < 0x20)
+            add(text, "\\u%04x", *c);
+        else
+            add(text, "%c", *c);
     }
+}
+
+typedef struct Warnings {
+    Text *text;
+    bool has_one;
+} Warnings;
+
+/* name: the object, or NULL. */
+static void warn(Warnings *warnings, const char *name, const char *what, uint64_t count) {
+    if (count == 0)
+        return;
+    add(warnings->text, "%s\n    {\"text\": \"", warnings->has_one ? "," : "");
+    if (name != NULL) {
+        add_escaped(warnings->text, name);
+        add(warnings->text, ": ");
+    }
+    add(warnings->text, "%s\", \"count\": %llu}", what, (unsigned long long)count);
+    warnings->has_one = true;
+}
+
+static void add_warnings(Text *text, const AmbRender *render, uint64_t nonfinite) {
+    Warnings warnings = {text, false};
+    add(text, "  \"warnings\": [");
+    for (uint32_t o = 0; o < render->scene->object_count; ++o) {
+        const SceneObject *object = &render->scene->objects[o];
+        warn(&warnings, object->name, "its faces point inward; they were taken the other way round",
+             object->is_boundary && object->is_inside_out);
+        warn(&warnings, object->name,
+             "its faces have different media; the one of most faces fills all of it",
+             object->has_two_media);
+    }
+    warn(&warnings, NULL,
+         "light rays left a translucent object through a hole in its mesh: close it for a right "
+         "picture",
+         render->light_leak_count);
+    warn(&warnings, NULL,
+         "camera rays left a translucent object through a hole in its mesh: close it for a right "
+         "picture",
+         atomic_load(&render->camera_leak_count));
+    warn(&warnings, NULL, "samples were not finite and were left out: please report this scene",
+         nonfinite);
     add(text, "],\n");
 }
 

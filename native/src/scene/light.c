@@ -19,6 +19,19 @@ static float spot_factor(const SceneLight *light, Vec3 d) {
     return light->spot_cosine > 0.0f ? edge * cos_axis : edge;
 }
 
+/* 1 - cos of a sun's angular radius, with its digits. */
+static float sun_cap(const SceneLight *light) {
+    const float sine = sinf(0.5f * light->angle);
+    return 2.0f * sine * sine;
+}
+
+/* Irradiance that each direction of a sun's disc stands for, on a plane perpendicular to that
+ * direction. color is what the disc gives on a plane perpendicular to its axis, where directions
+ * count with their cosine, on average (1 + cos)/2. */
+static Rgb sun_irradiance(const SceneLight *light) {
+    return rgb_scale(light->color, 1.0f / (1.0f - 0.5f * sun_cap(light)));
+}
+
 static float area_measure(const SceneLight *light) {
     const float box = 4.0f * light->size[0] * light->size[1];
     return light->area_shape == AMB_AREA_ELLIPSE ? box * AMB_PI / 4.0f : box;
@@ -43,10 +56,10 @@ static Vec3 disc_point(const SceneLight *light, Vec3 n, Sample2 u) {
 LightArrival light_arrival(const SceneLight *light, Vec3 p, Sample2 u) {
     LightArrival arrival = {.irradiance = {0, 0, 0}};
     if (light->kind == AMB_LIGHT_SUN) {
-        const Vec3 cone = sample_cap(u, 1.0f - cosf(light->angle));
+        const Vec3 cone = sample_cap(u, sun_cap(light));
         arrival.wi = vec3_negate(frame_to_world(light->x, light->y, light->direction, cone));
         arrival.distance = INFINITY;
-        arrival.irradiance = light->color;
+        arrival.irradiance = sun_irradiance(light);
         return arrival;
     }
     Vec3 y = light->position;
@@ -107,7 +120,7 @@ static LightRay emit_sun(const LightEmission *emission, uint64_t i, Sample2 latt
     LightRay ray = {.d = light->direction};
     Vec3 x = light->x, y = light->y;
     if (light->angle > 0.0f) {
-        const Vec3 cone = sample_cap(source_sample(emission, i), 1.0f - cosf(light->angle));
+        const Vec3 cone = sample_cap(source_sample(emission, i), sun_cap(light));
         ray.d = vec3_normalize(frame_to_world(light->x, light->y, light->direction, cone));
         vec3_frame(ray.d, &x, &y);
         ray.pairs[2].dd = vec3_scale(x, DISC_EXTENT * light->angle);
@@ -121,7 +134,7 @@ static LightRay emit_sun(const LightEmission *emission, uint64_t i, Sample2 latt
     ray.o = vec3_madd(emission->target, -emission->distance, ray.d);
     ray.o = vec3_madd(vec3_madd(ray.o, radius * disc.u, x), radius * disc.v, y);
     const float cell = AMB_PI * radius * radius / (float)emission->count;
-    ray.flux = rgb_scale(light->color, cell);
+    ray.flux = rgb_scale(sun_irradiance(light), cell);
     ray.pairs[0].dp = vec3_scale(x, sqrtf(cell));
     ray.pairs[1].dp = vec3_scale(y, sqrtf(cell));
     return ray;
@@ -148,10 +161,18 @@ LightRay light_emit(const LightEmission *emission, uint64_t i) {
     ray.d = vec3_normalize(frame_to_world(x, y, cap.axis, sample_cap(lattice, cap.one_minus_cos)));
     vec3_frame(ray.d, &x, &y);
     if (light->kind == AMB_LIGHT_AREA) {
+        /* Seen from another point of the light, the cap turns about the target. */
+        const float distance = vec3_length(vec3_sub(emission->target, ray.o));
+        for (int k = TANGENT_LATTICE; k < TANGENT_COUNT && distance > emission->target_radius;
+             ++k) {
+            const Vec3 dp = ray.pairs[k].dp;
+            const Vec3 across = vec3_madd(dp, -vec3_dot(dp, ray.d), ray.d);
+            ray.pairs[k].dd = vec3_scale(across, -1.0f / distance);
+        }
         scale *= fmaxf(vec3_dot(ray.d, light->direction), 0.0f);
     } else if (light->radius > 0.0f) {
-        /* The disc faces where the ray goes: the same intensity in every direction, and the same
-         * light as light_arrival's disc up to (radius / distance)^2. */
+        /* The disc faces where the ray goes: the same intensity in every direction. The light
+         * pass adds the falloff of Cycles' discs, 1/(d^2 + r^2), where the ray arrives. */
         ray.o = disc_point(light, ray.d, source_sample(emission, i));
         ray.pairs[2].dp = vec3_scale(x, DISC_EXTENT * light->radius);
         ray.pairs[3].dp = vec3_scale(y, DISC_EXTENT * light->radius);

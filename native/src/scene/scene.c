@@ -11,18 +11,50 @@ static const uint32_t *corner_indices(const SceneMesh *mesh, uint64_t triangle) 
     return mesh->triangles + 3 * triangle;
 }
 
-/* Six times the signed volume that the triangles enclose, seen from the mesh's own centre so that
- * a mesh far from the origin keeps its digits. Positive: wound counter-clockwise from outside. */
-static double signed_volume(const SceneMesh *mesh, const Vec3 *positions, Vec3 center) {
-    double volume = 0.0;
+static uint32_t triangle_material(const SceneMesh *mesh, const SceneObject *object,
+                                  uint64_t triangle) {
+    const uint32_t slot = mesh->slots != NULL ? mesh->slots[triangle] : 0;
+    return object->materials[slot < object->material_count ? slot : object->material_count - 1];
+}
+
+/* Whether the triangles wind clockwise seen from outside: the volume that they enclose is
+ * negative. The sum is taken from the object's own centre, so that a mesh far from the origin
+ * keeps its digits. An open mesh encloses next to nothing, and is left as it is. */
+static bool is_wound_inward(const SceneMesh *mesh, const SceneObject *object) {
+    double volume = 0.0, size = 0.0;
     for (uint64_t t = 0; t < mesh->triangle_count; ++t) {
         const uint32_t *i = corner_indices(mesh, t);
-        const Vec3 a = vec3_sub(positions[i[0]], center);
-        const Vec3 b = vec3_sub(positions[i[1]], center);
-        const Vec3 c = vec3_sub(positions[i[2]], center);
-        volume += (double)vec3_dot(a, vec3_cross(b, c));
+        const Vec3 a = vec3_sub(object->positions[i[0]], object->center);
+        const Vec3 b = vec3_sub(object->positions[i[1]], object->center);
+        const Vec3 c = vec3_sub(object->positions[i[2]], object->center);
+        const double part = (double)vec3_dot(a, vec3_cross(b, c));
+        volume += part;
+        size += fabs(part);
     }
-    return volume;
+    return volume < -1e-4 * size;
+}
+
+/* Finds what fills an object. */
+static AmbStatus choose_medium(const AmbScene *scene, SceneObject *object) {
+    const SceneMesh *mesh = &scene->meshes[object->mesh];
+    uint64_t *counts = memory_zero_array(scene->material_count, sizeof *counts);
+    if (counts == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory to place \"%s\"", object->name);
+    for (uint64_t t = 0; t < mesh->triangle_count; ++t)
+        ++counts[triangle_material(mesh, object, t)];
+    uint64_t most = 0;
+    for (uint32_t m = 0; m < scene->material_count; ++m) {
+        if (scene->materials[m].surface != AMB_SURFACE_DIELECTRIC || counts[m] == 0)
+            continue;
+        object->has_two_media = object->is_boundary;
+        object->is_boundary = true;
+        if (counts[m] > most) {
+            most = counts[m];
+            object->inside = m;
+        }
+    }
+    memory_free(counts);
+    return AMB_OK;
 }
 
 static void bound_object(const SceneMesh *mesh, SceneObject *object) {
@@ -33,6 +65,10 @@ static void bound_object(const SceneMesh *mesh, SceneObject *object) {
         low = vec3_min(low, p);
         high = vec3_max(high, p);
     }
+    object->center = vec3(0, 0, 0);
+    object->radius = 0.0f;
+    if (mesh->triangle_count == 0)
+        return;
     object->center = vec3_scale(vec3_add(low, high), 0.5f);
     float radius2 = 0.0f;
     for (uint64_t t = 0; t < 3 * mesh->triangle_count; ++t) {
@@ -77,16 +113,10 @@ static AmbStatus place_object(AmbScene *scene, SceneObject *object) {
         AMB_TRY(place_normals(mesh, object));
     bound_object(mesh, object);
 
-    object->is_boundary = false;
-    for (uint32_t i = 0; i < object->material_count && !object->is_boundary; ++i)
-        if (scene->materials[object->materials[i]].surface == AMB_SURFACE_DIELECTRIC) {
-            object->is_boundary = true;
-            object->inside = object->materials[i];
-        }
-    /* A mirroring transform turns the winding; what encloses negative volume is inside out.
-     * Shading normals follow the geometric side in scene_surface. */
-    object->is_flipped = signed_volume(mesh, object->positions, object->center) < 0.0;
-    return AMB_OK;
+    /* Shading normals follow the geometric side in scene_surface. */
+    object->is_flipped = is_wound_inward(mesh, object);
+    object->is_inside_out = object->is_flipped != (mat4_determinant(object->to_world) < 0.0f);
+    return choose_medium(scene, object);
 }
 
 static void release_placement(SceneObject *object) {
@@ -101,13 +131,15 @@ static void bound_scene(AmbScene *scene) {
     Vec3 high = vec3_negate(low);
     for (uint32_t i = 0; i < scene->object_count; ++i) {
         const SceneObject *object = &scene->objects[i];
+        if (scene->meshes[object->mesh].triangle_count == 0)
+            continue;
         const Vec3 r = vec3(object->radius, object->radius, object->radius);
         low = vec3_min(low, vec3_sub(object->center, r));
         high = vec3_max(high, vec3_add(object->center, r));
     }
     scene->center = vec3(0, 0, 0);
     scene->radius = 0.0f;
-    if (scene->object_count > 0) {
+    if (low.x <= high.x) {
         scene->center = vec3_scale(vec3_add(low, high), 0.5f);
         scene->radius = 0.5f * vec3_length(vec3_sub(high, low));
     }
@@ -149,8 +181,13 @@ static AmbStatus build_intersector(AmbScene *scene, Job *job) {
 }
 
 AmbStatus scene_build(AmbScene *scene, Job *job) {
+    /* Another render may hold the lock for as long as a build takes; a cancel must not wait. */
+    while (pthread_mutex_trylock(&scene->build_lock) != 0) {
+        if (job_is_cancelled(job))
+            return AMB_CANCELLED;
+        clock_sleep(0.01);
+    }
     AmbStatus status = AMB_OK;
-    pthread_mutex_lock(&scene->build_lock);
     if (!scene->is_built) {
         status = build_intersector(scene, job);
         scene->is_built = status == AMB_OK;
@@ -266,10 +303,7 @@ SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit) {
         if (length > 0.0f && side != 0.0f)
             surface.ns = vec3_scale(n, copysignf(1.0f / length, side));
     }
-    uint32_t slot = mesh->slots != NULL ? mesh->slots[hit->triangle] : 0;
-    if (slot >= object->material_count)
-        slot = object->material_count - 1;
-    surface.material = &scene->materials[object->materials[slot]];
+    surface.material = &scene->materials[triangle_material(mesh, object, hit->triangle)];
     surface.object = hit->geometry;
     return surface;
 }

@@ -41,11 +41,13 @@ typedef struct SceneObject {
     uint32_t material_count;
     /* From here on set by scene_commit; world space. */
     Vec3 *positions;
-    Vec3 *normals;    /* unit, per vertex or corner; NULL: flat */
-    bool is_flipped;  /* triangles wind the other way round: their normal is negated */
-    bool is_boundary; /* has at least one dielectric slot */
-    uint32_t inside;  /* material whose medium fills it (first dielectric slot) */
-    Vec3 center;      /* bounding sphere */
+    Vec3 *normals;      /* unit, per vertex or corner; NULL: flat */
+    bool is_flipped;    /* triangles wind the other way round: their normal is negated */
+    bool is_inside_out; /* is_flipped though the transform does not mirror */
+    bool is_boundary;   /* a triangle is dielectric */
+    bool has_two_media; /* triangles of different dielectrics, of which one fills it */
+    uint32_t inside;    /* material whose medium fills it: the dielectric of most triangles */
+    Vec3 center;        /* bounding sphere */
     float radius;
 } SceneObject;
 

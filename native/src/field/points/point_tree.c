@@ -272,6 +272,16 @@ static AmbStatus build_tasks(void *user, uint64_t begin, uint64_t end, uint32_t 
     return AMB_OK;
 }
 
+static AmbStatus fill_items(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    const Builder *builder = user;
+    for (uint64_t i = begin; i < end; ++i) {
+        const Vec3 c = sample_middle(&builder->samples[i]);
+        builder->items[i] = (Item){{c.x, c.y, c.z}, (uint32_t)i};
+    }
+    return AMB_OK;
+}
+
 enum { TOP_LEVELS = 2, TOP_TASK_MAX = 1 + POINT_LANES + POINT_LANES * POINT_LANES };
 
 /* The top levels are divided level by level, then whole subtrees are built side by side. */
@@ -324,10 +334,9 @@ AmbStatus point_tree_build(const PointSample *samples, uint64_t sample_count, Jo
     if (out_tree->blocks == NULL || out_tree->nodes == NULL || builder.items == NULL)
         status = status_fail(AMB_OUT_OF_MEMORY, "no memory for the tree of volume samples");
     if (status == AMB_OK) {
-        for (uint64_t i = 0; i < sample_count; ++i) {
-            const Vec3 c = sample_middle(&samples[i]);
-            builder.items[i] = (Item){{c.x, c.y, c.z}, (uint32_t)i};
-        }
+        status = parallel_for(job, sample_count, 1 << 16, fill_items, &builder);
+    }
+    if (status == AMB_OK) {
         status = build_all(&builder);
     }
     memory_free(builder.items);
