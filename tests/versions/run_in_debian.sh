@@ -6,6 +6,7 @@
 #     tests/versions/run_in_debian.sh trixie sid bookworm
 #
 #   trixie    Blender 4.3, Embree 4: C tests, a render of scenes_blend/sphere.blend, tests/blender
+#             and, where ../shared/cases is, tests/blender_cases
 #   sid       Blender 5, Embree 4: the same
 #   bookworm  a bare Debian 12: the two commands that README.md opens with, as root and as a user
 #
@@ -86,12 +87,16 @@ prepare() {
     fi
 }
 
-# The files of the last commit, as a fresh clone has them.
+# The files of the last commit, as a fresh clone has them, and the reference cases beside them.
 copy_checkout() {
-    local target=$1
+    local target=$1 cases=$root/../shared/cases
     rm -rf -- "$target"
     mkdir -p -- "$target"
     git -C "$root" archive HEAD | tar -x -C "$target"
+    [[ -d $cases ]] || return 0
+    rm -rf -- "$target/../shared"
+    mkdir -p -- "$target/../shared"
+    cp -r -- "$cases" "$target/../shared/"
 }
 
 results=()
@@ -128,7 +133,8 @@ run_matrix() {
         'cmake --preset dev && cmake --build --preset dev && ctest --preset dev'
     step "$suite: render" in_checkout "$chroot" root \
         "./amberlight render scenes_blend/sphere.blend $tiny && ls -l out"
-    step "$suite: tests/blender" in_checkout "$chroot" root 'python3 -m pytest -q tests/blender'
+    step "$suite: tests/blender" in_checkout "$chroot" root \
+        'python3 -m pytest -q tests/blender tests/blender_cases'
 }
 
 # The first line of what a user without rights is told when packages are missing.
