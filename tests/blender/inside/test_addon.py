@@ -13,7 +13,8 @@ SETTINGS = {
     "estimator": "AUTO", "samples": 16, "accuracy": 0.0, "light_samples": 1_000_000,
     "kernel_size": 4.0, "tube_refinement": 0, "effects": "AUTO", "use_single_scattering": True,
     "use_double_scattering": False, "use_multiple_scattering": False,
-    "use_surface_reflection": True, "use_background": True, "use_transmitted_light": True, "light_bounces": 0,
+    "use_surface_reflection": True, "use_background": True,
+    "use_transmitted_light": True, "light_bounces": 0,
     "camera_bounces": 0, "adjoint_normals": True, "seed": 0, "report_path": "", "exr_path": "",
 }  # fmt: skip
 
