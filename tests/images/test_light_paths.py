@@ -115,9 +115,7 @@ def test_a_camera_in_the_medium_sees_it() -> None:
     ball = (add_body, (BALL, Medium(1.0, 0.3, 0.1, 0.5)))
     from_inside = (set_orthographic, ((0, 0, 0.999), (0, 0, -1), (0, 1, 0), 0.05))
     from_outside = (set_orthographic, ((0, 0, 5), (0, 0, -1), (0, 1, 0), 0.05))
-    assert mean(LAMP, ball, from_inside) == pytest.approx(
-        mean(LAMP, ball, from_outside), rel=0.01
-    )
+    assert mean(LAMP, ball, from_inside) == pytest.approx(mean(LAMP, ball, from_outside), rel=0.01)
 
 
 def test_an_unused_slot_does_not_fill_an_object() -> None:
@@ -143,9 +141,7 @@ def test_an_unused_slot_does_not_fill_an_object() -> None:
 
 def test_a_mesh_turned_inside_out_is_named() -> None:
     turned = Mesh(BALL.positions, BALL.triangles[:, ::-1].copy(), BALL.normals)
-    image = render_image(
-        scene_of(LAMP, (add_body, (turned, RESIN)), VIEW), 8, light_samples=4096
-    )
+    image = render_image(scene_of(LAMP, (add_body, (turned, RESIN)), VIEW), 8, light_samples=4096)
     assert [w["text"] for w in image.report["warnings"]] == [
         "body: its faces point inward; they were taken the other way round"
     ]
