@@ -109,13 +109,17 @@ def test_an_orthographic_camera_may_stand_inside() -> None:
     assert 0.0 < mean(LAMP, ball, (inside, ()))
 
 
-def test_a_camera_in_the_medium_sees_it() -> None:
-    """Behind its near plane the camera is outside, in front of it inside: no boundary is crossed,
-    so radiance is n^2 times larger and loses nothing to Fresnel."""
-    ball = (add_body, (BALL, Medium(1.0, 0.3, 0.1, 0.5)))
-    from_inside = (set_orthographic, ((0, 0, 0.999), (0, 0, -1), (0, 1, 0), 0.05))
+@pytest.mark.parametrize("ior", [1.0, 1.5])
+def test_a_camera_in_the_medium_sees_it(ior: float) -> None:
+    """Just inside the ball no boundary lies between: radiance is n^2 times that outside, and
+    has not lost the reflection at normal incidence."""
+    ball = (add_body, (BALL, Medium(ior, 0.3, 0.1, 0.5)))
+    from_inside = (set_orthographic, ((0, 0, 0.998), (0, 0, -1), (0, 1, 0), 0.05))
     from_outside = (set_orthographic, ((0, 0, 5), (0, 0, -1), (0, 1, 0), 0.05))
-    assert mean(LAMP, ball, from_inside) == pytest.approx(mean(LAMP, ball, from_outside), rel=0.01)
+    reflected = ((ior - 1) / (ior + 1)) ** 2
+    assert mean(LAMP, ball, from_inside) == pytest.approx(
+        mean(LAMP, ball, from_outside) * ior**2 / (1 - reflected), rel=0.01
+    )
 
 
 def test_an_unused_slot_does_not_fill_an_object() -> None:
