@@ -124,6 +124,7 @@ def render_params(settings: Settings, frame: Frame, log: ExportLog) -> dict[str,
         "seed": settings.seed,
         "threads": frame.threads,
         "film_transparent": int(frame.film_transparent),
+        "tube_refinement": settings.tube_refinement,
     }
 
 

@@ -21,7 +21,7 @@ from ctypes import (
 )
 from typing import Any
 
-AMB_ABI_VERSION = 1
+AMB_ABI_VERSION = 2
 AMB_VERSION_STRING = "0.1.0"
 
 # ---- Status --------------------------------------------------------------------------------------
@@ -206,6 +206,7 @@ class AmbRenderParams(Structure):
         ("seed", c_uint32),
         ("threads", c_uint32),
         ("film_transparent", c_uint32),
+        ("tube_refinement", c_uint32),
     ]
 
 

@@ -42,7 +42,7 @@ extern "C" {
 #endif
 
 /* Bumped when the layout of a struct or the meaning of a function changes. */
-#define AMB_ABI_VERSION 1
+#define AMB_ABI_VERSION 2
 #define AMB_VERSION_STRING "0.1.0"
 
 /* ---- Status ---------------------------------------------------------------------------------- */
@@ -252,7 +252,9 @@ enum {
     AMB_ESTIMATOR_AUTO = 0,
     AMB_ESTIMATOR_POINTS_FIXED = 1,
     AMB_ESTIMATOR_POINTS_COVARIANCE = 2,
-    AMB_ESTIMATOR_TUBES = 3,    /* AMB_UNSUPPORTED in this version */
+    AMB_ESTIMATOR_TUBES = 3,    /* points, spots and suns of no extent outside of every object, no
+                                 * light_bounces, no object inside another; else
+                                 * AMB_UNSUPPORTED */
     AMB_ESTIMATOR_SPECULAR = 4, /* AMB_UNSUPPORTED in this version */
 };
 
@@ -283,6 +285,8 @@ typedef struct AmbRenderParams {
     uint32_t seed;
     uint32_t threads;          /* 0 = one for each processor */
     uint32_t film_transparent; /* 1: the world seen directly has alpha 0 and no radiance */
+    uint32_t tube_refinement;  /* TUBES: each triangle is halved so many times along its edges,
+                                * 0, 1, 2 .. 4 = 1, 4, 16 .. 256 tubes and more where it must */
 } AmbRenderParams;
 
 AMB_API void amb_render_params_init(AmbRenderParams *params);

@@ -4,23 +4,20 @@
 
 #include "base/memory.h"
 #include "field/points/points.h"
+#include "field/tubes/tubes.h"
 
 struct Field {
     uint32_t object_count;
     PointCloud *clouds; /* by object; the point estimators */
+    TubeField *tubes;   /* by object; TUBES, else NULL */
+    TubeCount tube_count;
 };
 
-AmbStatus field_create(const AmbScene *scene, const LightField *light, const FieldParams *params,
-                       Job *job, Field **out_field) {
-    Field *field = memory_zero_array(1, sizeof *field);
-    if (field == NULL)
-        return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light field");
+static AmbStatus create_points(const AmbScene *scene, const LightField *light,
+                               const FieldParams *params, Job *job, Field *field) {
     field->clouds = memory_zero_array(scene->object_count, sizeof(PointCloud));
-    field->object_count = scene->object_count;
-    AmbStatus status = AMB_OK;
     if (field->clouds == NULL)
-        status = status_fail(AMB_OUT_OF_MEMORY, "no memory for the light field");
-
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light field");
     double total_length = 0.0;
     for (uint32_t o = 0; o < light->object_count; ++o)
         for (uint64_t i = 0; i < light->objects[o].count; ++i)
@@ -29,13 +26,38 @@ AmbStatus field_create(const AmbScene *scene, const LightField *light, const Fie
         .follows_covariance = params->estimator == AMB_ESTIMATOR_POINTS_COVARIANCE,
         .kernel_size = params->kernel_size,
         .spacing = (float)(total_length / (double)params->sample_target)};
-
-    for (uint32_t o = 0; o < scene->object_count && status == AMB_OK; ++o)
+    for (uint32_t o = 0; o < scene->object_count; ++o)
         if (light->objects[o].count > 0) {
             const Medium *medium = &scene->materials[scene->objects[o].inside].medium;
-            status =
-                points_build(&light->objects[o], medium, &point_params, job, &field->clouds[o]);
+            AMB_TRY(
+                points_build(&light->objects[o], medium, &point_params, job, &field->clouds[o]));
         }
+    return AMB_OK;
+}
+
+static AmbStatus create_tubes(const AmbScene *scene, const FieldParams *params, Job *job,
+                              Field *field) {
+    field->tubes = memory_zero_array(scene->object_count, sizeof(TubeField));
+    if (field->tubes == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light field");
+    const TubeParams tube_params = {.refinement = params->tube_refinement,
+                                    .adjoint_normals = params->adjoint_normals};
+    for (uint32_t o = 0; o < scene->object_count; ++o)
+        if (scene->objects[o].is_boundary &&
+            medium_scatters(&scene->materials[scene->objects[o].inside].medium))
+            AMB_TRY(tubes_build(scene, o, &tube_params, job, &field->tube_count, &field->tubes[o]));
+    return AMB_OK;
+}
+
+AmbStatus field_create(const AmbScene *scene, const LightField *light, const FieldParams *params,
+                       Job *job, Field **out_field) {
+    Field *field = memory_zero_array(1, sizeof *field);
+    if (field == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light field");
+    field->object_count = scene->object_count;
+    const AmbStatus status = params->estimator == AMB_ESTIMATOR_TUBES
+                                 ? create_tubes(scene, params, job, field)
+                                 : create_points(scene, light, params, job, field);
     if (status != AMB_OK) {
         field_destroy(field);
         return status;
@@ -47,30 +69,45 @@ AmbStatus field_create(const AmbScene *scene, const LightField *light, const Fie
 void field_destroy(Field *field) {
     if (field == NULL)
         return;
-    if (field->clouds != NULL)
-        for (uint32_t o = 0; o < field->object_count; ++o)
+    for (uint32_t o = 0; o < field->object_count; ++o) {
+        if (field->clouds != NULL)
             points_clear(&field->clouds[o]);
+        if (field->tubes != NULL)
+            tubes_clear(&field->tubes[o]);
+    }
     memory_free(field->clouds);
+    memory_free(field->tubes);
     memory_free(field);
 }
 
 FieldRadiance field_gather(const Field *field, const FieldSegment *segment) {
-    const PointCloud *cloud = &field->clouds[segment->object];
-    if (cloud->sample_count == 0)
-        return (FieldRadiance){.radiance = {0, 0, 0}};
-    return points_gather(cloud, segment->o, segment->d, segment->length);
+    const uint32_t o = segment->object;
+    if (field->tubes != NULL && field->tubes[o].tube_count > 0)
+        return tubes_gather(&field->tubes[o], segment->o, segment->d, segment->length);
+    if (field->clouds != NULL && field->clouds[o].sample_count > 0)
+        return points_gather(&field->clouds[o], segment->o, segment->d, segment->length);
+    return (FieldRadiance){.radiance = {0, 0, 0}};
 }
 
 uint64_t field_bytes(const Field *field) {
     uint64_t bytes = 0;
     for (uint32_t o = 0; o < field->object_count; ++o)
-        bytes += points_bytes(&field->clouds[o]);
+        bytes +=
+            field->tubes != NULL ? tubes_bytes(&field->tubes[o]) : points_bytes(&field->clouds[o]);
     return bytes;
 }
 
 uint64_t field_sample_count(const Field *field) {
     uint64_t count = 0;
     for (uint32_t o = 0; o < field->object_count; ++o)
-        count += field->clouds[o].sample_count;
+        count += field->tubes != NULL ? field->tubes[o].tube_count : field->clouds[o].sample_count;
     return count;
+}
+
+bool field_tally(const Field *field, LightTally *out_tally, uint64_t *out_leak_count) {
+    if (field->tubes == NULL)
+        return false;
+    *out_tally = field->tube_count.tally;
+    *out_leak_count = field->tube_count.leak_count;
+    return true;
 }

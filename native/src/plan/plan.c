@@ -14,7 +14,7 @@ const char *plan_estimator_name(uint32_t estimator) {
 }
 
 AmbStatus plan_check(const AmbRenderParams *params) {
-    if (params->estimator > AMB_ESTIMATOR_POINTS_COVARIANCE)
+    if (params->estimator > AMB_ESTIMATOR_TUBES)
         return status_fail(AMB_UNSUPPORTED, "estimator %s is not available in this version",
                            plan_estimator_name(params->estimator));
     if ((params->effects & AMB_EFFECT_DOUBLE_SCATTERING) != 0 ||
@@ -170,7 +170,9 @@ Plan plan_create(const AmbScene *scene, const AmbRenderParams *params) {
         .seed = params->seed};
     plan.field = (FieldParams){.estimator = plan.estimator,
                                .sample_target = params->light_samples,
-                               .kernel_size = params->kernel_size};
+                               .kernel_size = params->kernel_size,
+                               .tube_refinement = params->tube_refinement,
+                               .adjoint_normals = params->adjoint_normals != 0};
 
     uint32_t camera_effects = 0;
     if (effects[PLAN_SURFACE_REFLECTION].is_simulated)

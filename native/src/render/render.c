@@ -160,6 +160,7 @@ static AmbStatus run_field(AmbRender *render, const LightField *light, Field **o
     charge_stage(render, STAGE_FIELD, begin);
     if (status == AMB_OK) {
         render->light_sample_count = field_sample_count(*out_field);
+        field_tally(*out_field, &render->tally, &render->light_leak_count);
         render->field_bytes = field_bytes(*out_field);
     }
     return status;
@@ -170,8 +171,10 @@ static AmbStatus run_stages(AmbRender *render) {
     AMB_TRY(run_scene(render));
     Field *field = NULL;
     if (render->plan.effects[PLAN_SINGLE_SCATTERING].is_simulated) {
-        LightField light;
-        AMB_TRY(run_light(render, &light));
+        LightField light = {.object_count = 0};
+        /* Tubes are the mesh's own triangles: no light ray is traced for them. */
+        if (render->plan.estimator != AMB_ESTIMATOR_TUBES)
+            AMB_TRY(run_light(render, &light));
         const AmbStatus status = run_field(render, &light, &field);
         light_field_clear(&light);
         AMB_TRY(status);

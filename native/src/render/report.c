@@ -123,9 +123,11 @@ void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t
     add(&text, "  \"estimator\": \"%s\",\n", plan_estimator_name(render->plan.estimator));
     add(&text, "  \"samples\": %u,\n  \"width\": %u,\n  \"height\": %u,\n  \"threads\": %u,\n",
         render->params.samples, render->film.width, render->film.height, render->job.thread_count);
-    add(&text, "  \"light_samples\": %llu,\n  \"kernel_size\": %.9g,\n  \"seed\": %u,\n",
+    add(&text,
+        "  \"light_samples\": %llu,\n  \"kernel_size\": %.9g,\n  \"tube_refinement\": %u,\n  "
+        "\"seed\": %u,\n",
         (unsigned long long)render->params.light_samples, (double)render->params.kernel_size,
-        render->params.seed);
+        render->params.tube_refinement, render->params.seed);
     if (render->has_plan)
         add_effects(&text, render);
     add_stages(&text, render);

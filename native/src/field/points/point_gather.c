@@ -4,6 +4,7 @@
 #include "field/points/point_gather.h"
 
 #include "math/lanes.h"
+#include "optics/medium_lanes.h"
 
 #if !defined(AMB_POINT_GATHER)
 #error "AMB_POINT_GATHER names the variant"
@@ -51,30 +52,6 @@ static inline uint32_t boxes_hit(const PointNode *node, const Query *q) {
         far = lanes_min(far, lanes_max(t0, t1));
     }
     return lanes_bits(near <= far);
-}
-
-/* Sum over the lobes of sigma_s p(cos), 1/(m sr), for each channel. */
-static inline void scattering(const Medium *medium, Lanes cosine, Lanes sin2, Lanes out[3]) {
-    out[0] = out[1] = out[2] = lanes_set(0.0f);
-    /* 1 + cos and 1 - cos from sin^2 where the difference would cancel. */
-    const LaneMask is_negative = cosine < 0.0f;
-    const Lanes magnitude = lanes_select(is_negative, -cosine, cosine);
-    const Lanes large = 1.0f + magnitude, small = sin2 / large;
-    const Lanes one_plus = lanes_select(is_negative, small, large);
-    const Lanes one_minus = lanes_select(is_negative, large, small);
-    for (uint32_t l = 0; l < medium->lobe_count; ++l) {
-        const MediumLobe *lobe = &medium->lobes[l];
-        const float g = lobe->g;
-        /* phase_hg, with the light turning from w to -d: 1 + g^2 + 2 g cos as a sum of terms that
-         * are never negative, so that the peak of the sharpest lobe keeps its digits. */
-        const Lanes denominator = g >= 0.0f ? (1.0f - g) * (1.0f - g) + 2.0f * g * one_plus
-                                            : (1.0f + g) * (1.0f + g) - 2.0f * g * one_minus;
-        const Lanes p =
-            ((1.0f - g) * (1.0f + g) / (4.0f * AMB_PI)) / (denominator * lanes_sqrt(denominator));
-        out[0] += lobe->sigma_s.r * p;
-        out[1] += lobe->sigma_s.g * p;
-        out[2] += lobe->sigma_s.b * p;
-    }
 }
 
 /* Epanechnikov kernel K = 2/(pi R^4) (R^2 - r^2) along a chord: R^2 - r^2 = a + b u + c u^2 for u
@@ -199,7 +176,7 @@ static inline void gather_block(const PointBlock *block, const Medium *medium, c
                    .sin2 = sin2,
                    .c = c};
     Lanes scatter[3];
-    scattering(medium, c, sin2, scatter);
+    medium_scattering_lanes(medium, c, sin2, scatter);
     for (int a = 0; a < 3; ++a)
         scatter[a] *= lanes_load(block->normalization) * lanes_load(block->flux[a]);
 

@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Light tubes: the lit triangles of a boundary with the light that they refract, and the radiance
+ * along a segment as an integral over the curve in light space whose lines it meets.
+ *
+ *   L = sigma_s int dPhi p exp(-sigma_t (s + t)) delta(f),   f = (x - o) . (w x d)
+ *
+ * f is the side product of the light line x + s w and the camera ray o + t d: zero where they
+ * meet, linear in the Pluecker coordinates of the light line, and so nearly linear inside a small
+ * triangle, where with a the corner whose sign differs
+ *   int_T delta(f) dA / A_T = 2 |fa| / (|fa - fb| |fa - fc|).
+ * There is no kernel and no noise; folds of the light (caustics) are bounded sums of tubes. See
+ * docs/theory.md. */
+#ifndef AMB_FIELD_TUBES_TUBES_H
+#define AMB_FIELD_TUBES_TUBES_H
+
+#include "field/field.h"
+#include "field/tubes/tube_tree.h"
+
+typedef struct TubeParams {
+    uint32_t refinement;  /* each triangle is halved that many times along its edges */
+    bool adjoint_normals; /* see BoundaryCrossing */
+} TubeParams;
+
+typedef struct TubeField {
+    uint64_t tube_count;
+    Medium medium;
+    TubeTree tree;
+} TubeField;
+
+/* What building tubes counts on the way, over all objects. */
+typedef struct TubeCount {
+    LightTally tally;
+    uint64_t leak_count; /* light lines that leave an object through a hole of its mesh */
+} TubeCount;
+
+/* Tubes of all lights that enter one object, which must be points, spots and suns of no extent,
+ * outside of every object. Adds to *count. */
+AmbStatus tubes_build(const AmbScene *scene, uint32_t object, const TubeParams *params, Job *job,
+                      TubeCount *count, TubeField *out_tubes);
+void tubes_clear(TubeField *tubes);
+uint64_t tubes_bytes(const TubeField *tubes);
+
+/* See field_gather. */
+FieldRadiance tubes_gather(const TubeField *tubes, Vec3 o, Vec3 d, float length);
+
+#endif
