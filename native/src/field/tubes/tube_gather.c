@@ -194,13 +194,13 @@ static inline void gather_block(const TubeBlock *block, const Medium *medium, co
     meet(&b, d, n);
     meet(&c, d, n);
 
-    /* The part of the chord that lies on the segment and in front of the light's next surface. */
+    /* The part of the chord that lies on the segment and in front of the light's end. */
     Lanes q0 = zero, q1 = one;
     clip(b.along - q->near * b.over, c.along - q->near * c.over, &q0, &q1);
     clip(q->far * b.over - b.along, q->far * c.over - c.along, &q0, &q1);
     clip(b.depth, c.depth, &q0, &q1);
-    clip(mix(block->reach, weight_b) * b.over - b.depth,
-         mix(block->reach, weight_c) * c.over - c.depth, &q0, &q1);
+    clip(mix(block->limit, weight_b) * b.over - b.depth,
+         mix(block->limit, weight_c) * c.over - c.depth, &q0, &q1);
     is_hit &= (q1 > q0) & (b.over > 0.0f) & (c.over > 0.0f);
     if (lanes_bits(is_hit) == 0)
         return;

@@ -119,7 +119,7 @@ static void fill_block(const Builder *builder, uint64_t b) {
         for (int k = 0; k < 3; ++k) {
             set_lane3(block->x[k], lane, tube->x[k]);
             set_lane3(block->w[k], lane, tube->w[k]);
-            block->reach[k][lane] = tube->reach[k];
+            block->limit[k][lane] = tube->limit[k];
             block->flux[k][lane] = tube->flux[k];
         }
         block->color[0][lane] = tube->color.r;
@@ -161,7 +161,7 @@ static void add_tube(Bounds *bounds, const Tube *tube) {
             bounds->high[a] = fmaxf(bounds->high[a], line[a]);
         }
         for (int q = 0; q < TUBE_QUARTERS; ++q) {
-            const float step = tube->reach[k] / TUBE_QUARTERS;
+            const float step = fminf(tube->limit[k], tube->far) / TUBE_QUARTERS;
             add_point(bounds, q, vec3_madd(tube->x[k], step * (float)q, tube->w[k]));
             add_point(bounds, q, vec3_madd(tube->x[k], step * (float)(q + 1), tube->w[k]));
         }

@@ -10,11 +10,12 @@
 enum { TUBE_LANES = 8, TUBE_QUARTERS = 4, TUBE_LEVEL_MAX = 12 };
 
 /* A lit piece of the boundary and the light that goes on from it: inside, the light lines are
- * x + s w, interpolated linearly between the corners, 0 < s < reach. */
+ * x + s w, interpolated linearly between the corners, 0 < s < limit. */
 typedef struct Tube {
     Vec3 x[3];       /* corners on the boundary, m, from the centre of the tree */
     Vec3 w[3];       /* unit, refracted direction of travel */
-    float reach[3];  /* m, to the next surface */
+    float limit[3];  /* m, where the light ends */
+    float far;       /* m, beyond which none of the light is inside the object: for boxes */
     float flux[3];   /* W of the whole piece if all of it were like this corner, without color */
     Rgb color;       /* of the light and of the surface's tint */
     float spread[2]; /* cross-section a(s) / a(0) = |1 + spread[0] s + spread[1] s^2| */
@@ -24,7 +25,7 @@ typedef struct Tube {
 typedef struct TubeBlock {
     float x[3][3][TUBE_LANES]; /* corner, axis */
     float w[3][3][TUBE_LANES];
-    float reach[3][TUBE_LANES];
+    float limit[3][TUBE_LANES];
     float flux[3][TUBE_LANES];
     float color[3][TUBE_LANES];
     float spread[2][TUBE_LANES];
@@ -33,7 +34,7 @@ typedef struct TubeBlock {
 /* Bounds of eight children. A light line has the Pluecker coordinates (m, w), m = x x w; a camera
  * ray o + t d meets it where f = d.m + (o x d).w is zero. f is linear in (m, w), so over a box its
  * range is f(middle) +- |d|.half extents: one dot product rejects whole lines. Four boxes in the
- * ordinary space, for s in quarters of the reach, reject by place what runs nearly parallel. */
+ * ordinary space, for s in quarters of 0 .. far, reject by place what runs nearly parallel. */
 typedef struct TubeNode {
     float middle[6][TUBE_LANES]; /* of m, in m, and of w */
     float extent[6][TUBE_LANES]; /* half, >= 0; negative: no child */

@@ -11,7 +11,8 @@
 enum {
     GRAIN = 256,       /* triangles of one unit of work */
     COARSE_LEVELS = 8, /* halvings at most of a triangle that is too large for what happens in it */
-    EDGE_LEVELS = 3    /* further halvings where a shadow or a jump of the exit cuts a tube */
+    GAP_SURFACE_MAX = 8, /* other things between leaving an object and coming back */
+    EDGE_LEVELS = 3      /* further halvings where a shadow or a jump of the exit cuts a tube */
 };
 
 /* A tube's corners lie apart by at most this part of its object's radius, and its directions
@@ -21,8 +22,10 @@ static const float SIZE_SHARE_MAX = 0.25f;
 static const float ANGLE_MAX = 0.1f;
 /* A spot's cone is covered by at least some tubes across, however large the triangle. */
 static const float SPOT_SHARE_MAX = 0.25f;
-/* Exits whose distances differ by more than this factor are on different parts of the boundary. */
-static const float REACH_RATIO_MAX = 1.2f;
+/* Ends whose distances differ by more than this factor are on different surfaces. */
+static const float LIMIT_RATIO_MAX = 1.2f;
+/* In radii of the object: farther than anything in it. */
+static const float LIMIT_MAX = 4.0f;
 /* Visibility and exit are asked for beside a corner, towards the triangle's middle by this part:
  * exactly at a corner of the mesh, rays from a triangle graze its neighbours. */
 static const float CORNER_SHRINK = 1e-3f;
@@ -33,7 +36,8 @@ typedef struct Corner {
     Vec3 x, w;            /* world; w unit */
     float arriving, flux; /* per area of the flat triangle and unit colour, before and after
                            * refraction, 1/m^2 */
-    float reach;
+    float reach;          /* m, to the next surface */
+    float limit;          /* m, to where the light ends for the gather; see light_limit */
     bool is_lit;
 } Corner;
 
@@ -88,6 +92,30 @@ static float scale_of(Rgb value, Rgb unit) {
     return largest > 0.0f ? rgb_max(value) / largest : 0.0f;
 }
 
+/* Where the light along w from p, which leaves through the surface at exit, ends for the gather.
+ * The gather never asks outside of the object; where the line comes back into it, the middle of
+ * the gap parts what is lit from what is not with room for interpolation between corners, and
+ * where it does not, nothing needs to be parted. Only a surface with medium behind it (an opaque
+ * thing inside) is a sharp end. */
+static float light_limit(const Face *face, Vec3 p, Vec3 w, const Hit *exit) {
+    const AmbScene *scene = face->cutter->scene;
+    const uint32_t object = face->cutter->object;
+    const SurfacePoint surface = scene_surface(scene, exit);
+    if (surface.object != object || vec3_dot(w, surface.ng) <= 0.0f)
+        return exit->t;
+    Vec3 o = scene_leave(&surface, w);
+    for (int i = 0; i < GAP_SURFACE_MAX; ++i) {
+        Hit next;
+        if (!scene_intersect(scene, o, w, INFINITY, &next))
+            break;
+        const SurfacePoint beyond = scene_surface(scene, &next);
+        if (beyond.object == object)
+            return 0.5f * (exit->t + vec3_dot(vec3_sub(beyond.p, p), w));
+        o = scene_leave(&beyond, w);
+    }
+    return LIMIT_MAX * scene->objects[object].radius;
+}
+
 /* Distance to the next surface from just inside, and whether the light is seen from just outside.
  */
 static void trace_corner(const Face *face, Corner *corner) {
@@ -101,11 +129,13 @@ static void trace_corner(const Face *face, Corner *corner) {
         rgb_max(light.irradiance) > 0.0f &&
         !scene_is_occluded(scene, scene_leave(&surface, light.wi), light.wi, light.distance);
     Hit exit;
-    corner->reach = 0.0f;
-    if (scene_intersect(scene, scene_leave(&surface, corner->w), corner->w, INFINITY, &exit))
+    const Vec3 start = scene_leave(&surface, corner->w);
+    if (scene_intersect(scene, start, corner->w, INFINITY, &exit)) {
         corner->reach = exit.t;
-    else if (corner->is_lit)
+        corner->limit = light_limit(face, start, corner->w, &exit);
+    } else if (corner->is_lit) {
         ++face->chunk->tally.leak_count;
+    }
 }
 
 static Corner make_corner(const Face *face, float u, float v) {
@@ -169,13 +199,13 @@ static bool is_coarse(const Face *face, const Corner corners[3]) {
            misses_spot(face, corners, size);
 }
 
-/* Whether a shadow's edge or a jump of the exit runs between the corners. */
+/* Whether the edge of a shadow or of a gap runs between the corners. */
 static bool is_cut(const Corner corners[3]) {
     if (corners[0].is_lit != corners[1].is_lit || corners[1].is_lit != corners[2].is_lit)
         return true;
-    const float low = fminf(fminf(corners[0].reach, corners[1].reach), corners[2].reach);
-    const float high = fmaxf(fmaxf(corners[0].reach, corners[1].reach), corners[2].reach);
-    return corners[0].is_lit && high > REACH_RATIO_MAX * low;
+    const float low = fminf(fminf(corners[0].limit, corners[1].limit), corners[2].limit);
+    const float high = fmaxf(fmaxf(corners[0].limit, corners[1].limit), corners[2].limit);
+    return corners[0].is_lit && high > LIMIT_RATIO_MAX * low;
 }
 
 /* Cross-section a(s) = w . (e1 + s w1) x (e2 + s w2) / 2 over a(0). */
@@ -208,7 +238,8 @@ static AmbStatus emit_tube(const Face *face, const Corner corners[3], float area
         const float lit = corner->is_lit ? area : 0.0f;
         tube.x[k] = vec3_sub(corner->x, object->center);
         tube.w[k] = corner->w;
-        tube.reach[k] = corner->reach;
+        tube.limit[k] = corner->limit;
+        tube.far = fmaxf(tube.far, corner->reach);
         tube.flux[k] = lit * corner->flux;
         is_bright = is_bright || tube.flux[k] > 0.0f;
         const double third = (double)tube.flux[k] / 3.0;
@@ -221,6 +252,8 @@ static AmbStatus emit_tube(const Face *face, const Corner corners[3], float area
     if (!is_bright)
         return AMB_OK;
     set_spread(&tube);
+    /* Between the corners the light may go farther before it leaves. */
+    tube.far = 1.1f * tube.far + largest_difference(tube.x);
     return chunk_append(face->chunk, &tube);
 }
 
