@@ -138,11 +138,96 @@ static PlanEffect plan_world(const AmbScene *scene) {
     return skipped(name, "not available in this version: it is seen, but does not scatter");
 }
 
-Plan plan_create(const AmbScene *scene, const AmbRenderParams *params) {
-    Plan plan = {.estimator = params->estimator};
-    if (plan.estimator == AMB_ESTIMATOR_AUTO)
-        plan.estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
+/* What TUBES cannot do. */
+typedef struct Obstacle {
+    const char *reason; /* one phrase, static storage; NULL: there is none */
+    const char *name;   /* of what stands in the way, "" for nothing in particular */
+} Obstacle;
 
+enum { NESTING_PROBES = 64 };
+
+static Obstacle light_obstacle(const AmbScene *scene) {
+    for (uint32_t l = 0; l < scene->light_count; ++l) {
+        const SceneLight *light = &scene->lights[l];
+        if (!(rgb_max(light->color) > 0.0f))
+            continue;
+        if (light->kind == AMB_LIGHT_AREA || light->radius > 0.0f || light->angle > 0.0f)
+            return (Obstacle){"a lamp has an extent", light->name};
+        if (light->kind != AMB_LIGHT_SUN && scene_media_at(scene, light->position).count > 0)
+            return (Obstacle){"a lamp is inside a translucent object", light->name};
+    }
+    return (Obstacle){NULL, ""};
+}
+
+static bool may_touch(const SceneObject *a, const SceneObject *b) {
+    return vec3_length(vec3_sub(a->center, b->center)) < a->radius + b->radius;
+}
+
+/* Whether vertices of object o, some of them, are inside of another one. */
+static bool is_nested(const AmbScene *scene, uint32_t o) {
+    const SceneObject *object = &scene->objects[o];
+    bool may_be = false;
+    for (uint32_t other = 0; other < scene->object_count; ++other)
+        may_be = may_be || (other != o && scene->objects[other].is_boundary &&
+                            may_touch(object, &scene->objects[other]));
+    const SceneMesh *mesh = &scene->meshes[object->mesh];
+    if (!may_be || mesh->triangle_count == 0)
+        return false;
+    for (uint64_t i = 0; i < NESTING_PROBES; ++i) {
+        const uint64_t triangle = i * mesh->triangle_count / NESTING_PROBES;
+        const MediumStack media =
+            scene_media_at(scene, object->positions[mesh->triangles[3 * triangle]]);
+        for (uint32_t k = 0; k < media.count; ++k)
+            if (media.objects[k] != o)
+                return true;
+    }
+    return false;
+}
+
+static Obstacle tubes_obstacle(const AmbScene *scene, const PlanEffect *light_bounces) {
+    if (light_bounces->is_simulated)
+        return (Obstacle){"light_bounces is not 0", ""};
+    const Obstacle obstacle = light_obstacle(scene);
+    if (obstacle.reason != NULL)
+        return obstacle;
+    for (uint32_t o = 0; o < scene->object_count; ++o)
+        if (scene->objects[o].is_boundary && is_nested(scene, o))
+            return (Obstacle){"translucent objects are inside one another", scene->objects[o].name};
+    return (Obstacle){NULL, ""};
+}
+
+/* Resolves AUTO, and refuses what was asked for by name and cannot be. */
+static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *params, Plan *plan) {
+    plan->estimator = params->estimator;
+    plan->estimator_reason = "asked for";
+    if (!plan->effects[PLAN_SINGLE_SCATTERING].is_simulated) {
+        if (plan->estimator == AMB_ESTIMATOR_AUTO)
+            plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
+        plan->estimator_reason = "nothing scatters";
+        return AMB_OK;
+    }
+    if (plan->estimator != AMB_ESTIMATOR_AUTO && plan->estimator != AMB_ESTIMATOR_TUBES)
+        return AMB_OK;
+    const Obstacle obstacle = tubes_obstacle(scene, &plan->effects[PLAN_LIGHT_BOUNCES]);
+    if (plan->estimator == AMB_ESTIMATOR_TUBES) {
+        if (obstacle.reason == NULL)
+            return AMB_OK;
+        const bool is_named = obstacle.name[0] != '\0';
+        return status_fail(AMB_UNSUPPORTED, "estimator TUBES cannot render this: %s%s%.60s%s",
+                           obstacle.reason, is_named ? " (\"" : "", obstacle.name,
+                           is_named ? "\")" : "");
+    }
+    plan->estimator = AMB_ESTIMATOR_TUBES;
+    plan->estimator_reason = "lamps without extent outside of all objects";
+    if (obstacle.reason != NULL) {
+        plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
+        plan->estimator_reason = obstacle.reason;
+    }
+    return AMB_OK;
+}
+
+AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Plan *out_plan) {
+    Plan plan = {.estimator = params->estimator};
     PlanEffect *effects = plan.effects;
     effects[PLAN_SINGLE_SCATTERING] = plan_single(scene, params);
     const bool is_single = effects[PLAN_SINGLE_SCATTERING].is_simulated;
@@ -159,6 +244,7 @@ Plan plan_create(const AmbScene *scene, const AmbRenderParams *params) {
     effects[PLAN_DOUBLE_SCATTERING] = skipped("double scattering", "not available in this version");
     effects[PLAN_MULTIPLE_SCATTERING] =
         skipped("multiple scattering", "not available in this version");
+    AMB_TRY(plan_estimator(scene, params, &plan));
 
     plan.light = (LightTraceParams){
         .ray_count = params->light_samples / SAMPLES_PER_RAY > 0
@@ -186,6 +272,12 @@ Plan plan_create(const AmbScene *scene, const AmbRenderParams *params) {
         .bounces = effects[PLAN_CAMERA_BOUNCES].is_simulated ? params->camera_bounces : 0,
         .seed = params->seed,
         .film_transparent = params->film_transparent != 0,
+<<<<<<< HEAD
         .may_start_inside = may_start_inside(scene)};
     return plan;
+=======
+        .start = scene_media_at(scene, scene->camera.position)};
+    *out_plan = plan;
+    return AMB_OK;
+>>>>>>> d3d5e74 (Refuse scenes that tubes cannot render, and say why)
 }

@@ -26,7 +26,8 @@ typedef struct PlanEffect {
 
 typedef struct Plan {
     PlanEffect effects[PLAN_EFFECT_COUNT];
-    uint32_t estimator; /* resolved, not AUTO */
+    uint32_t estimator;           /* resolved, not AUTO */
+    const char *estimator_reason; /* one phrase, static storage */
     LightTraceParams light;
     FieldParams field;
     CameraParams camera;
@@ -35,8 +36,9 @@ typedef struct Plan {
 /* AMB_UNSUPPORTED for estimators and effects that do not exist; the scene need not be built. */
 AmbStatus plan_check(const AmbRenderParams *params);
 
-/* The scene must be built. */
-Plan plan_create(const AmbScene *scene, const AmbRenderParams *params);
+/* The scene must be built. AMB_UNSUPPORTED where an estimator is asked for by name that cannot
+ * render this scene. */
+AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Plan *out_plan);
 
 const char *plan_estimator_name(uint32_t estimator);
 

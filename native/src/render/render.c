@@ -125,12 +125,13 @@ static AmbStatus run_scene(AmbRender *render) {
     set_stage(render, STAGE_SCENE);
     const StageClock begin = clock_stage(render);
     const double process = clock_process_cpu();
-    const AmbStatus status = scene_build(render->scene, &render->job);
+    AmbStatus status = scene_build(render->scene, &render->job);
     charge_stage(render, STAGE_SCENE, begin);
     /* Embree builds on threads of its own: the process's clock sees them. */
     render->costs[STAGE_SCENE].cpu = clock_process_cpu() - process;
+    if (status == AMB_OK)
+        status = plan_create(render->scene, &render->params, &render->plan);
     if (status == AMB_OK) {
-        render->plan = plan_create(render->scene, &render->params);
         render->has_plan = true;
         render->scene_bytes = scene_bytes(render->scene);
     }

@@ -128,6 +128,8 @@ void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t
         "\"seed\": %u,\n",
         (unsigned long long)render->params.light_samples, (double)render->params.kernel_size,
         render->params.tube_refinement, render->params.seed);
+    add(&text, "  \"estimator_reason\": \"%s\",\n",
+        render->has_plan ? render->plan.estimator_reason : "");
     if (render->has_plan)
         add_effects(&text, render);
     add_stages(&text, render);
