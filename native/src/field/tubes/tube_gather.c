@@ -3,6 +3,8 @@
  * AMB_TUBE_GATHER set to the name of the variant. */
 #include "field/tubes/tube_gather.h"
 
+#include <stddef.h>
+
 #include "math/lanes.h"
 #include "optics/medium_lanes.h"
 
@@ -68,20 +70,6 @@ static inline Lanes abs_lanes(Lanes v) {
     return lanes_max(v, -v);
 }
 
-/* Sum of v[k] with weights. */
-static inline Lanes mix(const float v[3][LANE_COUNT], const Lanes weight[3]) {
-    return weight[0] * lanes_load(v[0]) + weight[1] * lanes_load(v[1]) +
-           weight[2] * lanes_load(v[2]);
-}
-
-static inline Lanes3 mix3(const float v[3][3][LANE_COUNT], const Lanes weight[3]) {
-    Lanes out[3];
-    for (int a = 0; a < 3; ++a)
-        out[a] = weight[0] * lanes_load(v[0][a]) + weight[1] * lanes_load(v[1][a]) +
-                 weight[2] * lanes_load(v[2][a]);
-    return (Lanes3){out[0], out[1], out[2]};
-}
-
 /* Bit i is set where the segment may meet light of child i. */
 static inline uint32_t children_hit(const TubeNode *node, const Query *q) {
     const float line[6] = {q->d.x, q->d.y, q->d.z, q->moment[0], q->moment[1], q->moment[2]};
@@ -104,6 +92,8 @@ static inline uint32_t children_hit(const TubeNode *node, const Query *q) {
             far = lanes_min(far, lanes_max(t0, t1));
         }
         places |= near <= far;
+        if (lanes_bits(lines & ~places) == 0)
+            break;
     }
     return lanes_bits(lines & places);
 }
@@ -128,6 +118,8 @@ static inline void clip(Lanes a, Lanes b, Lanes *q0, Lanes *q1) {
     const Lanes zero = lanes_set(0.0f), one = lanes_set(1.0f);
     const LaneMask in_a = a > 0.0f, in_b = b > 0.0f;
     const LaneMask changes = in_a != in_b;
+    if (lanes_bits(changes | ~in_a) == 0)
+        return; /* inside at both ends, everywhere */
     const Lanes cut = a / lanes_select(changes, a - b, one);
     *q0 = lanes_max(*q0, lanes_select(in_a, zero, lanes_select(in_b, cut, one)));
     *q1 = lanes_min(*q1, lanes_select(in_b, one, lanes_select(in_a, cut, zero)));
@@ -148,10 +140,56 @@ static inline Lanes swing(float sigma_t, Lanes change) {
     return lanes_select(is_thick, thick, thin);
 }
 
-/* Adds what the tubes of a block send along the segment. */
-static inline void gather_block(const TubeBlock *block, const Medium *medium, const Query *q,
-                                Sums *sums) {
-    const Lanes zero = lanes_set(0.0f), one = lanes_set(1.0f);
+/* Tubes that the zero curve crosses, waiting for others: a block has about three, and vectors are
+ * best full. Rows are those of TubeBlock, then f at the corners. Enough of them wait that what is
+ * taken out has long been written. */
+enum {
+    BLOCK_ROWS = sizeof(TubeBlock) / (TUBE_LANES * sizeof(float)),
+    ROWS = BLOCK_ROWS + 3,
+    QUEUE_FULL = 4 * LANE_COUNT,
+    QUEUE_ROOM = QUEUE_FULL + LANE_COUNT
+};
+typedef struct Queue {
+    float rows[ROWS][QUEUE_ROOM];
+    uint32_t count;
+} Queue;
+
+enum { /* rows of members of TubeBlock */
+       ROW_X = offsetof(TubeBlock, x) / (TUBE_LANES * sizeof(float)),
+       ROW_W = offsetof(TubeBlock, w) / (TUBE_LANES * sizeof(float)),
+       ROW_LIMIT = offsetof(TubeBlock, limit) / (TUBE_LANES * sizeof(float)),
+       ROW_FLUX = offsetof(TubeBlock, flux) / (TUBE_LANES * sizeof(float)),
+       ROW_COLOR = offsetof(TubeBlock, color) / (TUBE_LANES * sizeof(float)),
+       ROW_SPREAD = offsetof(TubeBlock, spread) / (TUBE_LANES * sizeof(float)),
+       ROW_F = BLOCK_ROWS
+};
+
+/* Eight tubes of the queue. */
+typedef struct Batch {
+    const Queue *queue;
+    uint32_t first;
+} Batch;
+
+static inline Lanes row(const Batch *batch, int r) {
+    return lanes_load(batch->queue->rows[r] + batch->first);
+}
+
+/* Sum of a member's values at the corners with weights. */
+static inline Lanes mix(const Batch *batch, int r, const Lanes weight[3]) {
+    return weight[0] * row(batch, r) + weight[1] * row(batch, r + 1) +
+           weight[2] * row(batch, r + 2);
+}
+
+static inline Lanes3 mix3(const Batch *batch, int r, const Lanes weight[3]) {
+    Lanes out[3];
+    for (int a = 0; a < 3; ++a)
+        out[a] = weight[0] * row(batch, r + a) + weight[1] * row(batch, r + 3 + a) +
+                 weight[2] * row(batch, r + 6 + a);
+    return (Lanes3){out[0], out[1], out[2]};
+}
+
+/* Adds the tubes of a block that the zero curve crosses to the queue. */
+static inline void find_crossings(const TubeBlock *block, const Query *q, Queue *queue) {
     const Lanes3 d = set3(q->d), o = set3(q->o);
     Lanes f[3];
     LaneMask is_positive[3];
@@ -160,26 +198,46 @@ static inline void gather_block(const TubeBlock *block, const Medium *medium, co
         Lanes3 w = load3(block->w[k]);
         /* w x d = (w - d) x d = (w + d) x d: with the smaller of the two, directions that are
          * nearly parallel keep their digits. */
-        const Lanes side = lanes_select(dot3(w, d) < 0.0f, -one, one);
+        const Lanes side = lanes_select(dot3(w, d) < 0.0f, lanes_set(-1.0f), lanes_set(1.0f));
         w = sub3(w, scale3(d, side));
         f[k] = dot3(from, cross3(w, d));
         is_positive[k] = f[k] > 0.0f;
     }
+    const uint32_t bits =
+        lanes_bits((is_positive[0] != is_positive[1]) | (is_positive[0] != is_positive[2]));
+    if (bits == 0)
+        return;
+    const LanePack pack = lanes_pack_for(bits);
+    const float(*rows)[LANE_COUNT] = (const float(*)[LANE_COUNT])block;
+    float *out = queue->rows[0] + queue->count;
+    for (int r = 0; r < BLOCK_ROWS; ++r)
+        lanes_pack(out + r * QUEUE_ROOM, lanes_load(rows[r]), &pack);
+    for (int k = 0; k < 3; ++k)
+        lanes_pack(out + (ROW_F + k) * QUEUE_ROOM, f[k], &pack);
+    queue->count += (uint32_t)__builtin_popcount(bits);
+}
+
+/* Adds what the tubes of a batch send along the segment. A lane whose f does not change its sign
+ * counts for nothing. */
+static inline void gather_batch(const Batch *batch, const Medium *medium, const Query *q,
+                                Sums *sums) {
+    const Lanes zero = lanes_set(0.0f), one = lanes_set(1.0f);
+    const Lanes3 d = set3(q->d), o = set3(q->o);
+    const Lanes f[3] = {row(batch, ROW_F), row(batch, ROW_F + 1), row(batch, ROW_F + 2)};
+    const LaneMask is_positive[3] = {f[0] > 0.0f, f[1] > 0.0f, f[2] > 0.0f};
     /* The corner whose sign differs. */
     const LaneMask odd[3] = {
         (is_positive[0] != is_positive[1]) & (is_positive[0] != is_positive[2]),
         (is_positive[1] != is_positive[2]) & (is_positive[1] != is_positive[0]),
         (is_positive[2] != is_positive[0]) & (is_positive[2] != is_positive[1])};
     LaneMask is_hit = odd[0] | odd[1] | odd[2];
-    if (lanes_bits(is_hit) == 0)
-        return;
     Lanes ahead[3]; /* f of the odd corner and of the two after it */
     for (int k = 0; k < 3; ++k)
         ahead[k] = lanes_select(odd[0], f[k], lanes_select(odd[1], f[(k + 1) % 3], f[(k + 2) % 3]));
     const Lanes gap_b = lanes_select(is_hit, ahead[0] - ahead[1], one);
     const Lanes gap_c = lanes_select(is_hit, ahead[0] - ahead[2], one);
     const Lanes cut_b = ahead[0] / gap_b, cut_c = ahead[0] / gap_c;
-    const Lanes density = 2.0f * abs_lanes(cut_b) / abs_lanes(gap_c);
+    const Lanes density = 2.0f * cut_b / abs_lanes(gap_c);
 
     /* Where the zero curve enters the triangle and where it leaves, in barycentric weights. */
     Lanes weight_b[3], weight_c[3];
@@ -188,8 +246,8 @@ static inline void gather_block(const TubeBlock *block, const Medium *medium, co
         weight_b[k] = lanes_select(odd[k], 1.0f - cut_b, lanes_select(odd[before], cut_b, zero));
         weight_c[k] = lanes_select(odd[k], 1.0f - cut_c, lanes_select(odd[after], cut_c, zero));
     }
-    Meeting b = {.from = sub3(mix3(block->x, weight_b), o), .w = mix3(block->w, weight_b)};
-    Meeting c = {.from = sub3(mix3(block->x, weight_c), o), .w = mix3(block->w, weight_c)};
+    Meeting b = {.from = sub3(mix3(batch, ROW_X, weight_b), o), .w = mix3(batch, ROW_W, weight_b)};
+    Meeting c = {.from = sub3(mix3(batch, ROW_X, weight_c), o), .w = mix3(batch, ROW_W, weight_c)};
     Lanes3 n = cross3(d, lerp3(b.w, c.w, lanes_set(0.5f)));
     meet(&b, d, n);
     meet(&c, d, n);
@@ -199,8 +257,8 @@ static inline void gather_block(const TubeBlock *block, const Medium *medium, co
     clip(b.along - q->near * b.over, c.along - q->near * c.over, &q0, &q1);
     clip(q->far * b.over - b.along, q->far * c.over - c.along, &q0, &q1);
     clip(b.depth, c.depth, &q0, &q1);
-    clip(mix(block->limit, weight_b) * b.over - b.depth,
-         mix(block->limit, weight_c) * c.over - c.depth, &q0, &q1);
+    clip(mix(batch, ROW_LIMIT, weight_b) * b.over - b.depth,
+         mix(batch, ROW_LIMIT, weight_c) * c.over - c.depth, &q0, &q1);
     is_hit &= (q1 > q0) & (b.over > 0.0f) & (c.over > 0.0f);
     if (lanes_bits(is_hit) == 0)
         return;
@@ -228,19 +286,33 @@ static inline void gather_block(const TubeBlock *block, const Medium *medium, co
     Lanes weight[3];
     for (int k = 0; k < 3; ++k)
         weight[k] = weight_b[k] + qm * (weight_c[k] - weight_b[k]);
-    const Lanes value = mix(block->flux, weight) * density * (q1 - q0);
+    const Lanes value = mix(batch, ROW_FLUX, weight) * density * (q1 - q0);
     const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
     Lanes total = zero;
     for (int k = 0; k < 3; ++k) {
         const Lanes fade = lanes_exp_negative(-sigma_t[k] * (s + t)) * swing(sigma_t[k], change);
         const Lanes light =
-            lanes_select(is_hit, value * lanes_load(block->color[k]) * scatter[k] * fade, zero);
+            lanes_select(is_hit, value * row(batch, ROW_COLOR + k) * scatter[k] * fade, zero);
         sums->radiance[k] += light;
         total += light;
     }
     const Lanes area =
-        abs_lanes(1.0f + s * (lanes_load(block->spread[0]) + s * lanes_load(block->spread[1])));
+        abs_lanes(1.0f + s * (row(batch, ROW_SPREAD) + s * row(batch, ROW_SPREAD + 1)));
     sums->frequency += lanes_select(is_hit, total / (1.0f + area), zero);
+}
+
+/* Takes tubes from the end of the queue until fewer than `rest` are left. */
+static inline void empty_queue(Queue *queue, uint32_t rest, const Medium *medium, const Query *q,
+                               Sums *sums) {
+    while (queue->count >= rest) {
+        const uint32_t taken = queue->count < LANE_COUNT ? queue->count : LANE_COUNT;
+        queue->count -= taken;
+        if (taken < LANE_COUNT)
+            for (int r = 0; r < ROWS; ++r)
+                memset(queue->rows[r] + taken, 0, (LANE_COUNT - taken) * sizeof(float));
+        const Batch batch = {queue, queue->count};
+        gather_batch(&batch, medium, q, sums);
+    }
 }
 
 FieldRadiance AMB_TUBE_GATHER(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
@@ -266,6 +338,8 @@ FieldRadiance AMB_TUBE_GATHER(const TubeTree *tree, const Medium *medium, Vec3 o
         uint32_t level, index;
     } stack[STACK_MAX];
     int depth = 0;
+    Queue queue;
+    queue.count = 0;
     stack[depth].level = tree->level_count - 1;
     stack[depth++].index = 0;
     while (depth > 0) {
@@ -276,13 +350,16 @@ FieldRadiance AMB_TUBE_GATHER(const TubeTree *tree, const Medium *medium, Vec3 o
             const uint32_t child = index * LANE_COUNT + (uint32_t)__builtin_ctz(mask);
             mask &= mask - 1;
             if (level == 0) {
-                gather_block(&tree->blocks[child], medium, &q, &sums);
+                find_crossings(&tree->blocks[child], &q, &queue);
+                if (queue.count >= QUEUE_FULL)
+                    empty_queue(&queue, LANE_COUNT, medium, &q, &sums);
             } else {
                 stack[depth].level = level - 1;
                 stack[depth++].index = child;
             }
         }
     }
+    empty_queue(&queue, 1, medium, &q, &sums);
     FieldRadiance out;
     out.radiance =
         rgb(lanes_sum(sums.radiance[0]), lanes_sum(sums.radiance[1]), lanes_sum(sums.radiance[2]));
