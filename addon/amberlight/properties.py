@@ -25,7 +25,12 @@ enum_estimators = (
         "Volume samples, each blurred as the covariance of its light allows: sharp where light is "
         "focused, smooth elsewhere",
     ),
-    ("TUBES", "Tubes", "Light tubes behind each triangle (not available in this version)"),
+    (
+        "TUBES",
+        "Tubes",
+        "Light tubes behind each triangle: no kernel, no noise; for lamps without extent outside "
+        "of all translucent objects, without light bounces",
+    ),
     ("SPECULAR", "Exact connections", "Solved light paths (not available in this version)"),
 )
 enum_effects = (

@@ -125,7 +125,7 @@ BAD = {
         "ball.data.vertices[0].co.x = math.nan",
         'a position of mesh "Icosphere" is not finite',
     ),
-    "no such estimator": ("scene.amberlight.estimator = 'TUBES'", "is not available"),
+    "no such estimator": ("scene.amberlight.estimator = 'SPECULAR'", "is not available"),
     "panorama": ("scene.camera.data.type = 'PANO'", "renders perspective and orthographic"),
     "no numpy": ("import sys; sys.modules['numpy'] = None", "install python3-numpy"),
 }

@@ -342,7 +342,7 @@ static void bad_parameters_are_refused(void) {
     PARAMS_FAIL((p.crop_width = 1, p.crop_height = 0), bad, "crop");
     PARAMS_FAIL((p.crop_width = 1, p.crop_height = 1, p.crop_x = 16), bad, "crop");
     PARAMS_FAIL((p.crop_width = 2, p.crop_height = 2, p.crop_y = UINT32_MAX), bad, "crop");
-    PARAMS_FAIL(p.estimator = AMB_ESTIMATOR_TUBES, AMB_UNSUPPORTED, "TUBES");
+    PARAMS_FAIL(p.tube_refinement = 5, AMB_INVALID_ARGUMENT, "tube_refinement");
     PARAMS_FAIL(p.estimator = AMB_ESTIMATOR_SPECULAR, AMB_UNSUPPORTED, "SPECULAR");
     PARAMS_FAIL(p.estimator = 99, AMB_UNSUPPORTED, "estimator");
     PARAMS_FAIL(p.effects = AMB_EFFECT_DOUBLE_SCATTERING, AMB_UNSUPPORTED, "double");
@@ -519,8 +519,8 @@ static void picture_is_the_same_on_any_number_of_threads(void) {
     Demo demo = demo_create();
     demo.params.samples = 5;
     demo.params.light_bounces = demo.params.camera_bounces = 1;
-    for (uint32_t estimator = AMB_ESTIMATOR_POINTS_FIXED;
-         estimator <= AMB_ESTIMATOR_POINTS_COVARIANCE; ++estimator) {
+    for (uint32_t estimator = AMB_ESTIMATOR_POINTS_FIXED; estimator <= AMB_ESTIMATOR_TUBES;
+         ++estimator) {
         demo.params.estimator = estimator;
         demo.params.threads = 1;
         Picture one = demo_render(&demo);
@@ -538,7 +538,7 @@ static void picture_is_the_same_on_any_number_of_threads(void) {
         /* AUTO is the covariance in this version. */
         demo.params.estimator = AMB_ESTIMATOR_AUTO;
         Picture other = demo_render(&demo);
-        ENSURE(picture_is_same(&one, &other) == (estimator == AMB_ESTIMATOR_POINTS_COVARIANCE));
+        ENSURE(picture_is_same(&one, &other) == (estimator == AMB_ESTIMATOR_TUBES));
         picture_free(&other);
         demo.params.seed = 9;
         other = demo_render(&demo);

@@ -635,9 +635,8 @@ static void field_without_light_is_dark(void) {
     AmbScene scene = {.objects = &object, .materials = &material, .object_count = 1};
     LightBeams none = {NULL, 0};
     const LightField light = {.objects = &none, .object_count = 1};
-    const FieldParams params = {.estimator = AMB_ESTIMATOR_POINTS_COVARIANCE,
-                                .sample_target = 1000,
-                                .kernel_size = 16.0f};
+    const FieldParams params = {
+        .estimator = AMB_ESTIMATOR_POINTS_COVARIANCE, .sample_target = 1000, .kernel_size = 16.0f};
     Job job;
     job_init(&job, 1);
     Field *field = NULL;
@@ -665,9 +664,8 @@ static void field_places_about_the_samples_asked_for(void) {
     LightBeams list = {beams, BEAMS};
     const LightField light = {.objects = &list, .object_count = 1};
     for (uint64_t target = 4000; target <= 64000; target *= 4) {
-        const FieldParams params = {.estimator = AMB_ESTIMATOR_POINTS_FIXED,
-                                    .sample_target = target,
-                                    .kernel_size = 16.0f};
+        const FieldParams params = {
+            .estimator = AMB_ESTIMATOR_POINTS_FIXED, .sample_target = target, .kernel_size = 16.0f};
         Job job;
         job_init(&job, 2);
         Field *field = NULL;

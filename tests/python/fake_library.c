@@ -176,7 +176,7 @@ AmbStatus amb_render_start(AmbScene *scene, const AmbRenderParams *params, AmbRe
     *out_render = NULL;
     if (!scene->is_committed)
         return fail(AMB_INVALID_STATE, "amb_render_start", "the scene is not committed");
-    if (params->estimator >= AMB_ESTIMATOR_TUBES)
+    if (params->estimator >= AMB_ESTIMATOR_SPECULAR)
         return fail(AMB_UNSUPPORTED, "amb_render_start",
                     "this estimator is not available in this version");
     *out_render = calloc(1, sizeof **out_render);

@@ -189,7 +189,7 @@ def test_job_frees_after_a_bad_scene(fake):
     with pytest.raises(errors.AmbArgumentError, match='"Tri" is not finite'):
         RenderJob(fake, scene_data(broken), params())
     with pytest.raises(errors.AmbUnsupported, match="not available"):
-        RenderJob(fake, scene_data(), params(Settings(estimator="TUBES")))
+        RenderJob(fake, scene_data(), params(Settings(estimator="SPECULAR")))
     assert alive(fake) == (0, 0)
 
 
