@@ -15,12 +15,17 @@ import pytest
 from api import (
     ESTIMATORS,
     LIBRARY,
+    POINTS,
+    POINTS_COVARIANCE,
+    TUBES,
     BuildScene,
     Medium,
+    _ffi,
     add_body,
     add_point,
     add_spot,
     add_sun,
+    errors,
     handles,
     radiance,
     render,
@@ -44,7 +49,8 @@ from oracles import (
 
 pytestmark = pytest.mark.skipif(not LIBRARY.is_file(), reason=f"{LIBRARY} is not built")
 
-both = pytest.mark.parametrize("estimator", ESTIMATORS.values(), ids=ESTIMATORS.keys())
+each = pytest.mark.parametrize("estimator", ESTIMATORS.values(), ids=ESTIMATORS.keys())
+points = pytest.mark.parametrize("estimator", POINTS.values(), ids=POINTS.keys())
 
 
 # ---- Slab ---------------------------------------------------------------------------------------
@@ -67,7 +73,7 @@ def slab_scene(slab: Slab, power: float = 1.0) -> BuildScene:
     return build
 
 
-@both
+@each
 @pytest.mark.parametrize("g", [0.0, 0.5])
 def test_slab(g: float, estimator: int) -> None:
     slab = Slab(g=g)
@@ -79,9 +85,11 @@ def test_slab(g: float, estimator: int) -> None:
     assert pixels.std() < 5e-3 * slab.radiance()
 
 
-@both
+@each
 @pytest.mark.parametrize(("light", "camera"), [(0, 0), (6, 0), (0, 6), (6, 6)])
 def test_slab_with_internal_reflections(light: int, camera: int, estimator: int) -> None:
+    if estimator == TUBES and light > 0:
+        pytest.skip("tubes follow no internal reflections of the light")
     slab = Slab(g=0.5)
     expected = slab.radiance_all_reflections(light > 0, camera > 0)
     value = radiance(
@@ -122,7 +130,7 @@ def sphere_scene(
     return build
 
 
-@both
+@each
 @pytest.mark.parametrize("g", [0.0, 0.5])
 def test_matched_sphere(g: float, estimator: int) -> None:
     """Index 1: neither bending nor Fresnel, an elementary integral."""
@@ -135,7 +143,7 @@ def test_matched_sphere(g: float, estimator: int) -> None:
     assert value == pytest.approx(3 * [expected], rel=1e-3)
 
 
-@both
+@points
 def test_kernel_bias_at_grazing_entry_vanishes(estimator: int) -> None:
     """Light enters at grazing incidence beside this ray: kernels miss a wedge, less and less."""
     medium = SphereMedium(1.0, 0.5, 0.5)
@@ -174,14 +182,14 @@ def sphere_errors(level: int, estimator: int, light_samples: int, kernel: float)
     return errors
 
 
-@both
+@each
 def test_refracting_sphere_converges_with_the_mesh(estimator: int) -> None:
     worst = [np.max(np.abs(sphere_errors(k, estimator, 2**19, 12))) for k in (1, 2, 5)]
     assert worst[0] > 2 * worst[1] > 4 * worst[2]
     assert worst[2] < 2e-3
 
 
-@both
+@each
 @pytest.mark.parametrize(("x", "y"), [(0.1, 0.2), (0.5, -0.3), (-0.4, 0.1), (0.6, 0.4)])
 def test_refracting_sphere_under_a_point_light(x: float, y: float, estimator: int) -> None:
     """Strong forward scattering, three channels, a light at finite distance, a pinhole camera."""
@@ -207,7 +215,7 @@ def test_refracting_sphere_under_a_point_light(x: float, y: float, estimator: in
 # ---- Focusing -----------------------------------------------------------------------------------
 
 
-@both
+@each
 @pytest.mark.parametrize("z", [-0.5, 0.0, 0.4])
 def test_focus_on_the_axis(z: float, estimator: int) -> None:
     """A narrow cone of light along the axis of a sphere of index 2 converges as B(s) says.
@@ -260,7 +268,9 @@ def test_focus_on_the_axis(z: float, estimator: int) -> None:
 # ---- Flux ---------------------------------------------------------------------------------------
 
 
-def fluxes(n: float, sigma_t: float, bounces: int, level: int = 5) -> dict[str, float]:
+def fluxes(
+    n: float, sigma_t: float, bounces: int, estimator: int, level: int = 5
+) -> dict[str, float]:
     """Watts on a unit sphere under a sun of 1 W/m^2, from the report."""
 
     def build(scene: handles.Scene) -> None:
@@ -268,24 +278,34 @@ def fluxes(n: float, sigma_t: float, bounces: int, level: int = 5) -> dict[str, 
         add_sun(scene, (0.1, 0.3, -1))
         set_orthographic(scene, (0, 0, 5), (0, 0, -1), (0, 1, 0), 0.01)
 
-    report = render(build, 1, light_samples=2**18, light_bounces=bounces).report
+    report = render(
+        build,
+        1,
+        estimator=estimator,
+        light_samples=2**18,
+        tube_refinement=1,
+        light_bounces=bounces,
+    ).report
     light = report["light"]
     assert light["flux_incident"][0] == light["flux_incident"][2]
     return {key: float(light[f"flux_{key}"][1]) for key in ("incident", "entered", "interacting")}
 
 
+@each
 @pytest.mark.parametrize("sigma_t", [0.5, 1.0, 2.0])
-def test_flux_of_a_matched_sphere(sigma_t: float) -> None:
-    flux = fluxes(1.0, sigma_t, bounces=3)
+def test_flux_of_a_matched_sphere(sigma_t: float, estimator: int) -> None:
+    flux = fluxes(1.0, sigma_t, 3, estimator)
     assert flux["incident"] == pytest.approx(np.pi, rel=1e-3)
     # Nothing is reflected at a boundary without contrast, so bounces add nothing.
     assert flux["entered"] == pytest.approx(flux["incident"], rel=1e-6)
     assert flux["interacting"] == pytest.approx(np.pi * matched_sphere_flux(sigma_t), rel=1e-3)
 
 
-@pytest.mark.parametrize("bounces", [0, 40])
-def test_flux_of_a_refracting_sphere(bounces: int) -> None:
-    flux = fluxes(1.5, 1.0, bounces)
+@pytest.mark.parametrize(
+    ("estimator", "bounces"), [(TUBES, 0), (POINTS_COVARIANCE, 0), (POINTS_COVARIANCE, 40)]
+)
+def test_flux_of_a_refracting_sphere(bounces: int, estimator: int) -> None:
+    flux = fluxes(1.5, 1.0, bounces, estimator)
     entered = sphere_flux(np.inf, 1.5, reflections=False)
     interacting = sphere_flux(1.0, 1.5, reflections=bounces > 0)
     assert flux["entered"] == pytest.approx(np.pi * entered, rel=1e-3)
@@ -295,7 +315,8 @@ def test_flux_of_a_refracting_sphere(bounces: int) -> None:
 # ---- Shading normals ----------------------------------------------------------------------------
 
 
-def test_adjoint_factor_on_a_face_with_bent_normals() -> None:
+@each
+def test_adjoint_factor_on_a_face_with_bent_normals(estimator: int) -> None:
     """A cube with the normals of a sphere, lit from above: the top face alone receives light.
 
     Entered flux = mean over the face of T(cos_s) c_adj, with c_adj = |wo.Ns| |wt.Ng| /
@@ -329,9 +350,14 @@ def test_adjoint_factor_on_a_face_with_bent_normals() -> None:
         set_orthographic(scene, (0, 0, 5), (0, 0, -1), (0, 1, 0), 0.01)
 
     for adjoint in (0, 1):
-        light_report = render(build, 1, light_samples=2**18, adjoint_normals=adjoint).report[
-            "light"
-        ]
+        light_report = render(
+            build,
+            1,
+            estimator=estimator,
+            light_samples=2**18,
+            tube_refinement=2,
+            adjoint_normals=adjoint,
+        ).report["light"]
         ratio = light_report["flux_entered"][0] / light_report["flux_incident"][0]
         assert ratio == pytest.approx(expected[adjoint], rel=1e-3)
     # The two must be told apart by the tolerance.
@@ -358,11 +384,11 @@ def test_adjoint_factor_vanishes_on_a_fine_mesh() -> None:
     assert changes[0] > 2 * changes[1] > 4 * changes[2]
 
 
-# ---- Both estimators ----------------------------------------------------------------------------
+# ---- All estimators ------------------------------------------------------------------------------
 
 
 def bumpy_images(light_samples: int, kernel_size: float) -> Iterator[np.ndarray]:
-    """The bumpy sphere by both estimators along the same camera rays."""
+    """The bumpy sphere by all estimators along the same camera rays."""
     mesh = bumpy_sphere(5)
 
     def build(scene: handles.Scene) -> None:
@@ -377,16 +403,90 @@ def bumpy_images(light_samples: int, kernel_size: float) -> Iterator[np.ndarray]
             estimator=estimator,
             light_samples=light_samples,
             kernel_size=kernel_size,
+            tube_refinement=1,
             samples=4,
         ).pixels
 
 
 def test_estimators_converge_to_the_same_image() -> None:
-    """More samples and smaller kernels: the two images approach each other, in mean and in L2."""
-    gaps, biases = [], []
+    """More samples and smaller kernels: the images of points approach each other and that of the
+    tubes, which have neither, in mean and in L2."""
+    gaps, biases, distances = [], [], []
     for light_samples, kernel_size in ((2**15, 16), (2**18, 12), (2**21, 8)):
-        fixed, adaptive = bumpy_images(light_samples, kernel_size)
+        fixed, adaptive, tubes = bumpy_images(light_samples, kernel_size)
         gaps.append(metrics.rel_rmse(fixed, adaptive))
         biases.append(np.abs(metrics.mean_ratio(fixed, adaptive) - 1).max())
+        distances.append(metrics.rel_rmse(adaptive, tubes))
     assert gaps[0] > 1.5 * gaps[1] > 2.25 * gaps[2]
     assert biases[2] < 3e-3 < biases[0]
+    assert distances[0] > 1.5 * distances[1] > 2.25 * distances[2]
+    assert metrics.mean_ratio(adaptive, tubes) == pytest.approx(np.ones(3), abs=2e-3)
+
+
+def test_tubes_refuse_what_they_cannot_render() -> None:
+    medium = Medium(1.5, 0.5, 0.5)
+
+    def build(lamp: str, inner: bool = False) -> BuildScene:
+        def build(scene: handles.Scene) -> None:
+            add_body(scene, icosphere(2), medium)
+            if inner:
+                small = icosphere(1)
+                add_body(scene, Mesh(small.positions / 3, small.triangles, small.normals), medium)
+            if lamp == "inside":
+                add_point(scene, (0.1, 0.2, 0.1), 1.0)
+            else:
+                scene.add_light(
+                    _ffi.AMB_LIGHT_SUN,
+                    "sun",
+                    color=[1.0] * 3,
+                    direction=[0.0, 0.0, 1.0],
+                    angle=0.1 if lamp == "wide" else 0.0,
+                )
+            set_orthographic(scene, (5, 0, 0), (-1, 0, 0), (0, 0, 1), 1.0)
+
+        return build
+
+    cases = {
+        "has an extent": build("wide"),
+        "is inside a translucent": build("inside"),
+        "inside one another": build("outside", inner=True),
+    }
+    for reason, scene in cases.items():
+        with pytest.raises(errors.AmbUnsupported, match=reason):
+            render(scene, 2, estimator=TUBES)
+        report = render(scene, 2, light_samples=2**10).report
+        assert report["estimator"] == "POINTS_COVARIANCE"
+        assert reason in report["estimator_reason"]
+    with pytest.raises(errors.AmbUnsupported, match="light_bounces"):
+        render(build("outside"), 2, estimator=TUBES, light_bounces=1)
+    assert render(build("outside"), 2).report["estimator"] == "TUBES"
+
+
+def test_tubes_see_the_shadow_of_another_object() -> None:
+    """A black ball in front of the lamp takes its share: as for points, which trace every ray."""
+
+    def build(scene: handles.Scene) -> None:
+        add_body(scene, icosphere(4), Medium(1.5, 0.5, 0.2))
+        ball = icosphere(3)
+        place = ball.positions * 0.4 + np.array([1.5, 0.3, 1.6])
+        black = np.ones(len(ball.triangles), dtype=bool)
+        add_body(scene, Mesh(place, ball.triangles, ball.normals), Medium(1.0, 0, 0), black)
+        add_point(scene, (4, 0, 4), 100.0)
+        set_orthographic(scene, (0, 5, 0), (0, -1, 0), (0, 0, 1), 2.2)
+
+    shots = [
+        render(
+            build,
+            32,
+            estimator=estimator,
+            light_samples=2**20,
+            kernel_size=2,
+            tube_refinement=1,
+            samples=4,
+        )
+        for estimator in (TUBES, POINTS_COVARIANCE)
+    ]
+    tubes, dots = (shot.pixels for shot in shots)
+    mask = dots[..., 0] > 0
+    assert metrics.mean_ratio(tubes, dots, mask) == pytest.approx(np.ones(3), abs=3e-3)
+    assert metrics.rel_rmse(tubes, dots, mask) < 0.03

@@ -15,6 +15,7 @@ import pytest
 from api import (
     ESTIMATORS,
     LIBRARY,
+    TUBES,
     Medium,
     add_body,
     add_point,
@@ -75,13 +76,14 @@ def test_estimators_against_the_reference(estimator: int) -> None:
         set_perspective(handle, (0, 0, 5), (0, 0, -1), (0, 1, 0), np.radians(30))
 
     errors = []
-    for light_samples, kernel_size in ((2**13, 16), (2**20, 8)):
+    for light_samples, kernel_size, refinement in ((2**13, 16, 0), (2**20, 8, 2)):
         image = render(
             build,
             32,
             estimator=estimator,
             light_samples=light_samples,
             kernel_size=kernel_size,
+            tube_refinement=refinement,
             samples=64,
         )
         # Pixels that a few samples of 784 touch may be missed by 64.
@@ -90,4 +92,6 @@ def test_estimators_against_the_reference(estimator: int) -> None:
     assert metrics.mean_ratio(image.pixels, IMAGE, MASK) == pytest.approx(np.ones(3), abs=3e-3)
     assert metrics.rel_rmse(image.pixels, IMAGE, MASK) < 0.06
     # What is left at the end is mostly the 64 camera samples of a pixel.
-    assert errors[1] < 0.045 < errors[0]
+    assert errors[1] < 0.045
+    # Tubes are there with the mesh's own triangles, points are not with few samples.
+    assert (errors[0] < 0.045) == (estimator == TUBES)

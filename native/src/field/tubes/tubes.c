@@ -145,23 +145,19 @@ static Corner make_corner(const Face *face, float u, float v) {
     const LightArrival light = light_arrival(face->light, surface.p, (Sample2){0.5f, 0.5f});
     Corner corner = {.u = u, .v = v, .x = surface.p};
     const Vec3 d = vec3_negate(light.wi);
-    const float eta = 1.0f / surface.material->ior;
-    /* Interpolation can turn the normal away from the light near a silhouette: such light enters
-     * as if it grazed, with nothing. */
-    const float cos_s = -vec3_dot(d, surface.ns);
-    Vec3 incident = d;
-    if (cos_s <= 0.0f)
-        incident = vec3_normalize(vec3_madd(d, cos_s - 1e-4f, surface.ns));
-    const DielectricSplit split = dielectric_split(incident, surface.ns, eta);
-    corner.w = split.reflectance < 1.0f ? split.refracted : incident;
+    /* Interpolation can turn the normal away from the light near a silhouette: the face's own takes
+     * its place, as in boundary_cross. */
+    const Vec3 n = vec3_dot(d, surface.ns) < 0.0f ? surface.ns : surface.ng;
+    const DielectricSplit split = dielectric_split(d, n, 1.0f / surface.material->ior);
+    corner.w = split.reflectance < 1.0f ? split.refracted : d;
     const float cos_g = vec3_dot(light.wi, surface.ng);
     const float below = -vec3_dot(corner.w, surface.ng);
     const float arriving = scale_of(light.irradiance, face->light->color) * fmaxf(cos_g, 0.0f);
     corner.arriving = arriving;
-    if (cos_s > 0.0f && below > 0.0f && cos_g > 0.0f) {
+    if (below > 0.0f && cos_g > 0.0f && split.reflectance < 1.0f) {
         corner.flux = arriving * (1.0f - split.reflectance);
         if (face->cutter->params->adjoint_normals)
-            corner.flux *= cos_s * below / (cos_g * -vec3_dot(corner.w, surface.ns));
+            corner.flux *= split.cos_i * below / (cos_g * split.cos_t);
     }
     trace_corner(face, &corner);
     return corner;
