@@ -1,0 +1,303 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Light tubes: the sum over them against quadrature in double that knows no zero curve, no lanes
+ * and no tree. */
+#include <string.h>
+
+#include "field/tubes/tube_gather.h"
+#include "test.h"
+
+static const double PI = 3.14159265358979323846;
+
+enum { TUBE_MAX = 3000 };
+
+static Vec3 random_point(uint64_t *state, double size) {
+    const float x = (float)test_uniform(state, -size, size);
+    const float y = (float)test_uniform(state, -size, size);
+    return vec3(x, y, (float)test_uniform(state, -size, size));
+}
+
+static Vec3 random_direction(uint64_t *state) {
+    for (;;) {
+        const Vec3 p = random_point(state, 1.0);
+        const float length = vec3_length(p);
+        if (length > 0.1f && length < 1.0f)
+            return vec3_normalize(p);
+    }
+}
+
+/* A tube of about the given size within a unit ball. */
+static Tube random_tube(uint64_t *state, double size) {
+    const Vec3 x = random_point(state, 0.5), w = random_direction(state);
+    Tube tube = {.far = 0.0f};
+    for (int k = 0; k < 3; ++k) {
+        tube.x[k] = vec3_add(x, random_point(state, size));
+        tube.w[k] = vec3_normalize(vec3_add(w, random_point(state, 0.3 * size)));
+        tube.limit[k] = (float)test_uniform(state, 0.5, 2.0);
+        tube.flux[k] = (float)test_uniform(state, 0.2, 1.0);
+        tube.far = fmaxf(tube.far, tube.limit[k]);
+    }
+    tube.color = rgb(1.0f, 0.5f, (float)test_uniform(state, 0, 1));
+    tube.spread[0] = (float)test_uniform(state, -1, 1);
+    tube.spread[1] = (float)test_uniform(state, -1, 1);
+    return tube;
+}
+
+typedef struct Segment {
+    Vec3 o, d;
+    float length;
+} Segment;
+
+/* A segment that meets some of the tube's light, mostly; sometimes it runs nearly along it. */
+static Segment random_segment(uint64_t *state, const Tube *near) {
+    const float s = (float)test_uniform(state, 0.0, 1.5);
+    const float u = (float)test_uniform(state, 0.0, 0.5), v = (float)test_uniform(state, 0.0, 0.5);
+    const float weight[3] = {1.0f - u - v, u, v};
+    Vec3 p = vec3(0, 0, 0);
+    for (int k = 0; k < 3; ++k)
+        p = vec3_madd(p, weight[k], vec3_madd(near->x[k], s, near->w[k]));
+    Segment segment = {.d = random_direction(state)};
+    if (test_uniform(state, 0, 1) < 0.3)
+        segment.d = vec3_normalize(vec3_add(near->w[0], random_point(state, 0.2)));
+    segment.o = vec3_madd(p, -(float)test_uniform(state, 0.0, 1.0), segment.d);
+    segment.length = (float)test_uniform(state, 0.2, 2.0);
+    return segment;
+}
+
+static Medium test_medium(float sigma_t, float g) {
+    Medium medium = {.sigma_t = {sigma_t, 0.3f * sigma_t, 0.0f}, .lobe_count = 1};
+    medium.lobes[0] = (MediumLobe){.sigma_s = {0.4f, 0.3f, 0.2f}, .g = g};
+    return medium;
+}
+
+static TubeTree build(const Tube *tubes, uint64_t count, uint32_t threads) {
+    static Tube copy[TUBE_MAX];
+    memcpy(copy, tubes, count * sizeof *tubes);
+    Job job;
+    job_init(&job, threads);
+    TubeTree tree;
+    ENSURE_STATUS(tube_tree_build(copy, count, vec3(0, 0, 0), 1.0f, &job, &tree), AMB_OK);
+    return tree;
+}
+
+typedef struct Vector {
+    double x, y, z;
+} Vector;
+
+static Vector mixed(const Vec3 v[3], const double weight[3]) {
+    Vector out = {0, 0, 0};
+    for (int k = 0; k < 3; ++k) {
+        out.x += weight[k] * (double)v[k].x;
+        out.y += weight[k] * (double)v[k].y;
+        out.z += weight[k] * (double)v[k].z;
+    }
+    return out;
+}
+
+static double dot(Vector a, Vector b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+static Vector cross(Vector a, Vector b) {
+    return (Vector){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+static double phase(double cosine, double g) {
+    return (1.0 - g * g) / (4.0 * PI * pow(1.0 + g * g - 2.0 * g * cosine, 1.5));
+}
+
+static double f_of(const Tube *tube, const Segment *segment, const double weight[3]) {
+    const Vector x = mixed(tube->x, weight), w = mixed(tube->w, weight);
+    const Vector o = {(double)segment->o.x, (double)segment->o.y, (double)segment->o.z};
+    const Vector d = {(double)segment->d.x, (double)segment->d.y, (double)segment->d.z};
+    return dot((Vector){x.x - o.x, x.y - o.y, x.z - o.z}, cross(w, d));
+}
+
+/* What a line of the tube contributes per flux and unit of f, red; 0 where it misses. */
+static double line_value(const Tube *tube, const Segment *segment, const Medium *medium,
+                         const double weight[3]) {
+    const Vector x = mixed(tube->x, weight), w = mixed(tube->w, weight);
+    const Vector o = {(double)segment->o.x, (double)segment->o.y, (double)segment->o.z};
+    const Vector d = {(double)segment->d.x, (double)segment->d.y, (double)segment->d.z};
+    const Vector e = {x.x - o.x, x.y - o.y, x.z - o.z};
+    const double unit = sqrt(dot(w, w)), c = dot(w, d) / unit;
+    const double sin2 = 1.0 - c * c;
+    const double t = (dot(e, d) - dot(e, w) / unit * c) / sin2;
+    const double s = (dot(e, d) * c - dot(e, w) / unit) / sin2;
+    double limit = 0.0, flux = 0.0;
+    for (int k = 0; k < 3; ++k) {
+        limit += weight[k] * (double)tube->limit[k];
+        flux += weight[k] * (double)tube->flux[k];
+    }
+    if (t < 0.0 || t > (double)segment->length || s < 0.0 || s > limit)
+        return 0.0;
+    return flux * (double)tube->color.r * (double)medium->lobes[0].sigma_s.r *
+           phase(-c, (double)medium->lobes[0].g) * exp(-(double)medium->sigma_t.r * (s + t));
+}
+
+/* int dA/A delta(f) value, f between the corners linear as it is in Pluecker coordinates, with the
+ * delta function as a narrow box: a grid over the triangle. */
+static double brute_force(const Tube *tube, const Segment *segment, const Medium *medium) {
+    enum { STEPS = 500 };
+    static const double corners[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    double f[3];
+    for (int k = 0; k < 3; ++k)
+        f[k] = f_of(tube, segment, corners[k]);
+    const double range = fmax(fmax(f[0], f[1]), f[2]) - fmin(fmin(f[0], f[1]), f[2]);
+    const double width = range / 50.0;
+    double sum = 0.0;
+    uint64_t points = 0;
+    for (int i = 0; i < STEPS; ++i)
+        for (int j = 0; i + j < STEPS; ++j)
+            for (int half = 0; half < (i + j + 1 < STEPS ? 2 : 1); ++half) {
+                const double u = (i + (half + 1) / 3.0) / STEPS, v = (j + (half + 1) / 3.0) / STEPS;
+                const double weight[3] = {1.0 - u - v, u, v};
+                ++points;
+                if (fabs(weight[0] * f[0] + weight[1] * f[1] + weight[2] * f[2]) < 0.5 * width)
+                    sum += line_value(tube, segment, medium, weight) / width;
+            }
+    return sum / (double)points;
+}
+
+static void one_tube_matches_brute_force(void) {
+    uint64_t state = 1;
+    double total = 0.0, expected = 0.0, difference = 0.0;
+    int hits = 0;
+    for (int trial = 0; trial < 150; ++trial) {
+        const Tube tube = random_tube(&state, 0.05);
+        const Segment segment = random_segment(&state, &tube);
+        const Medium medium = test_medium(trial % 2 == 0 ? 0.5f : 3.0f, trial % 3 == 0 ? 0.6f : 0);
+        TubeTree tree = build(&tube, 1, 1);
+        const FieldRadiance out =
+            tube_gather_portable(&tree, &medium, segment.o, segment.d, segment.length);
+        tube_tree_clear(&tree);
+        const double truth = brute_force(&tube, &segment, &medium);
+        hits += truth > 0.0;
+        total += (double)out.radiance.r;
+        expected += truth;
+        difference += fabs((double)out.radiance.r - truth);
+        ENSURE(out.frequency >= 0.0f && out.frequency <= out.contribution * 1.00001f);
+    }
+    ENSURE(hits > 80);
+    /* The box smooths each truth by 1/50 of the tube; over all of them that nearly cancels. */
+    ENSURE_NEAR(total / expected, 1.0, 0.01);
+    ENSURE(difference < 0.05 * expected);
+}
+
+/* Light across the ray everywhere: L = Phi sigma_s p e^{-sigma_t (s + t)} / width of the sheet. */
+static void a_square_of_light_is_exact(void) {
+    Tube tubes[2];
+    static const float corner[2][3][2] = {{{0, 0}, {1, 0}, {1, 1}}, {{0, 0}, {1, 1}, {0, 1}}};
+    for (int i = 0; i < 2; ++i) {
+        tubes[i] = (Tube){.color = {1, 1, 1}, .far = 10.0f};
+        for (int k = 0; k < 3; ++k) {
+            tubes[i].x[k] = vec3(corner[i][k][0], corner[i][k][1], 0);
+            tubes[i].w[k] = vec3(0, 0, 1);
+            tubes[i].limit[k] = 10.0f;
+            tubes[i].flux[k] = 0.5f; /* 1 W over a square metre */
+        }
+    }
+    TubeTree tree = build(tubes, 2, 1);
+    const Medium medium = test_medium(0.7f, 0.0f);
+    const double p = 0.4 / (4.0 * PI);
+    /* Along x at depth 2 and y = 0.3 from x = -1: lit for 1 < t < 2. */
+    const FieldRadiance across =
+        tube_gather_portable(&tree, &medium, vec3(-1, 0.3f, 2), vec3(1, 0, 0), 5.0f);
+    const double lit = p * exp(-0.7 * 2.0) * (exp(-0.7) - exp(-1.4)) / 0.7;
+    ENSURE_NEAR(across.radiance.r, lit, 2e-3 * lit); /* midpoint per chord of both triangles */
+    /* The segment ends within the light. */
+    const FieldRadiance half =
+        tube_gather_portable(&tree, &medium, vec3(-1, 0.3f, 2), vec3(1, 0, 0), 1.5f);
+    const double lit_half = p * exp(-0.7 * 2.0) * (exp(-0.7) - exp(-1.05)) / 0.7;
+    ENSURE_NEAR(half.radiance.r, lit_half, 2e-3 * lit_half);
+    /* Nearly along the light, from inside: int_0^3 of E sigma_s p e^{-sigma_t (1 + 2 t)}. */
+    const Vec3 along = vec3_normalize(vec3(1e-3f, 2e-4f, 1));
+    const FieldRadiance view =
+        tube_gather_portable(&tree, &medium, vec3(0.3f, 0.4f, 1), along, 3.0f);
+    const double deep = p * exp(-0.7) * (1.0 - exp(-4.2)) / 1.4;
+    ENSURE_NEAR(view.radiance.r, deep, 3e-3 * deep);
+    ENSURE_NEAR(view.contribution, rgb_mean(view.radiance), 0.0);
+    tube_tree_clear(&tree);
+}
+
+static void tree_loses_no_tube(void) {
+    static Tube tubes[TUBE_MAX];
+    uint64_t state = 3;
+    int bright = 0;
+    for (int n = 0; n < 3; ++n) {
+        const uint64_t count = n == 0 ? 9 : n == 1 ? 200 : 700;
+        for (uint64_t i = 0; i < count; ++i)
+            tubes[i] = random_tube(&state, 0.1);
+        TubeTree tree = build(tubes, count, 2);
+        const Medium medium = test_medium(0.5f, 0.3f);
+        for (int trial = 0; trial < 30; ++trial) {
+            const Segment s = random_segment(&state, &tubes[trial % (int)count]);
+            const FieldRadiance all = tube_gather_portable(&tree, &medium, s.o, s.d, s.length);
+            double sum = 0.0, frequency = 0.0;
+            for (uint64_t i = 0; i < count; ++i) {
+                TubeTree one = build(&tubes[i], 1, 1);
+                const FieldRadiance out = tube_gather_portable(&one, &medium, s.o, s.d, s.length);
+                sum += (double)out.radiance.r;
+                frequency += (double)out.frequency;
+                tube_tree_clear(&one);
+            }
+            bright += sum > 0.0;
+            ENSURE_NEAR(all.radiance.r, sum, 1e-5 * sum);
+            ENSURE_NEAR(all.frequency, frequency, 1e-5 * frequency);
+        }
+        tube_tree_clear(&tree);
+    }
+    ENSURE(bright > 60);
+}
+
+static void gather_variants_agree_bit_for_bit(void) {
+#if defined(__x86_64__)
+    if (!__builtin_cpu_supports("avx2"))
+        return;
+    static Tube tubes[TUBE_MAX];
+    uint64_t state = 4;
+    int bright = 0, different = 0;
+    for (int i = 0; i < TUBE_MAX; ++i)
+        tubes[i] = random_tube(&state, 0.1);
+    TubeTree tree = build(tubes, TUBE_MAX, 1);
+    const Medium medium = test_medium(1.0f, 0.7f);
+    for (int trial = 0; trial < 1000; ++trial) {
+        const Segment s = random_segment(&state, &tubes[trial]);
+        const FieldRadiance a = tube_gather_portable(&tree, &medium, s.o, s.d, s.length);
+        const FieldRadiance b = tube_gather_avx2(&tree, &medium, s.o, s.d, s.length);
+        bright += a.contribution > 0.0f;
+        different += memcmp(&a, &b, sizeof a) != 0;
+    }
+    tube_tree_clear(&tree);
+    ENSURE(bright > 900);
+    ENSURE(different == 0);
+    ENSURE(tube_gather_select() == tube_gather_avx2);
+#endif
+}
+
+static void tree_does_not_depend_on_threads(void) {
+    static Tube tubes[TUBE_MAX];
+    static const uint64_t counts[] = {1, 7, 8, 9, 64, 65, 513, TUBE_MAX};
+    uint64_t state = 5;
+    for (size_t n = 0; n < sizeof counts / sizeof counts[0]; ++n) {
+        for (uint64_t i = 0; i < counts[n]; ++i)
+            /* Half of them stand on top of others. */
+            tubes[i] = i % 2 == 1 ? tubes[i - 1] : random_tube(&state, 0.1);
+        TubeTree one = build(tubes, counts[n], 1);
+        TubeTree many = build(tubes, counts[n], 5);
+        ENSURE(one.node_count == many.node_count && one.block_count == many.block_count);
+        ENSURE(memcmp(one.nodes, many.nodes, one.node_count * sizeof *one.nodes) == 0);
+        ENSURE(memcmp(one.blocks, many.blocks, one.block_count * sizeof *one.blocks) == 0);
+        tube_tree_clear(&one);
+        tube_tree_clear(&many);
+    }
+}
+
+void test_tubes(void);
+
+void test_tubes(void) {
+    RUN(one_tube_matches_brute_force);
+    RUN(a_square_of_light_is_exact);
+    RUN(tree_loses_no_tube);
+    RUN(gather_variants_agree_bit_for_bit);
+    RUN(tree_does_not_depend_on_threads);
+}
