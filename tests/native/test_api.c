@@ -519,6 +519,7 @@ static void picture_is_the_same_on_any_number_of_threads(void) {
     Demo demo = demo_create();
     demo.params.samples = 5;
     demo.params.camera_bounces = 1;
+    demo.params.effects &= ~(uint32_t)AMB_EFFECT_TRANSMITTED_LIGHT;
     for (uint32_t estimator = AMB_ESTIMATOR_POINTS_FIXED; estimator <= AMB_ESTIMATOR_TUBES;
          ++estimator) {
         demo.params.light_bounces = estimator == AMB_ESTIMATOR_TUBES ? 0 : 1;

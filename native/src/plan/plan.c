@@ -210,6 +210,9 @@ static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *pa
         return AMB_OK;
     const Obstacle obstacle = tubes_obstacle(scene, &plan->effects[PLAN_LIGHT_BOUNCES]);
     if (plan->estimator == AMB_ESTIMATOR_TUBES) {
+        PlanEffect *transmitted = &plan->effects[PLAN_TRANSMITTED_LIGHT];
+        if (transmitted->is_simulated)
+            *transmitted = skipped(transmitted->name, "tubes end where light leaves its object");
         if (obstacle.reason == NULL)
             return AMB_OK;
         const bool is_named = obstacle.name[0] != '\0';
@@ -222,6 +225,9 @@ static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *pa
     if (obstacle.reason != NULL) {
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = obstacle.reason;
+    } else if (plan->effects[PLAN_TRANSMITTED_LIGHT].is_simulated) {
+        plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
+        plan->estimator_reason = "light through other objects is simulated";
     }
     return AMB_OK;
 }
@@ -272,12 +278,7 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Plan
         .bounces = effects[PLAN_CAMERA_BOUNCES].is_simulated ? params->camera_bounces : 0,
         .seed = params->seed,
         .film_transparent = params->film_transparent != 0,
-<<<<<<< HEAD
         .may_start_inside = may_start_inside(scene)};
-    return plan;
-=======
-        .start = scene_media_at(scene, scene->camera.position)};
     *out_plan = plan;
     return AMB_OK;
->>>>>>> d3d5e74 (Refuse scenes that tubes cannot render, and say why)
 }
