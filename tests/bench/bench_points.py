@@ -28,6 +28,7 @@ import metrics  # noqa: E402
 from api import (  # noqa: E402
     ESTIMATORS,
     LIBRARY,
+    POINTS,
     ROOT,
     BuildScene,
     Image,
@@ -129,7 +130,8 @@ def stage_cpu(image: Image, names: Iterable[str] | None = None) -> float:
 
 @dataclass(frozen=True)
 class Row:
-    """One setting: errors, CPU seconds and bytes."""
+    """One setting: errors, CPU seconds and bytes. Of tubes, light_samples is their number and
+    kernel_size their refinement."""
 
     estimator: str
     light_samples: int
@@ -160,7 +162,12 @@ def print_row(row: Row, rays: float) -> None:
 
 
 def measure(
-    build: BuildScene, estimator: str, light_samples: int, kernel: float, threads: int
+    build: BuildScene,
+    estimator: str,
+    light_samples: int,
+    kernel: float,
+    threads: int,
+    refinement: int = 0,
 ) -> Image:
     return render(
         build,
@@ -168,6 +175,7 @@ def measure(
         estimator=ESTIMATORS[estimator],
         light_samples=light_samples,
         kernel_size=kernel,
+        tube_refinement=refinement,
         samples=SAMPLES,
         seed=SEED,
         threads=threads,
@@ -196,27 +204,28 @@ def sweep(build: BuildScene, quick: bool, threads: int) -> None:
     print(
         f"bumpy, {SIZE}^2, {SAMPLES} samples a pixel, {threads} thread(s); CPU seconds\n\n{HEADER}"
     )
-    for estimator in ESTIMATORS:
-        for light_samples in budgets:
-            for kernel in kernels:
-                # Alternating: whatever else runs on the machine slows both.
-                rays_cpu.append(stage_cpu(rays_alone(build, threads), ["camera"]))
-                image = measure(build, estimator, light_samples, kernel, threads)
-                rows.append(
-                    Row(
-                        estimator,
-                        light_samples,
-                        kernel,
-                        metrics.rel_rmse(image.pixels, truth, mask),
-                        metrics.floored_rel(image.pixels, truth, mask),
-                        stage_cpu(image, ["light"]),
-                        stage_cpu(image, ["field"]),
-                        stage_cpu(image, ["camera"]),
-                        stage_cpu(image),
-                        image.report["memory"]["field_bytes"],
-                    )
-                )
-                print_row(rows[-1], statistics.median(rays_cpu))
+    runs = [(e, n, k, 0) for e in POINTS for n in budgets for k in kernels]
+    runs += [("TUBES", 1, 1.0, r) for r in range(3)]
+    for estimator, light_samples, kernel, refinement in runs:
+        # Alternating: whatever else runs on the machine slows both.
+        rays_cpu.append(stage_cpu(rays_alone(build, threads), ["camera"]))
+        image = measure(build, estimator, light_samples, kernel, threads, refinement)
+        is_tubes = estimator == "TUBES"
+        rows.append(
+            Row(
+                estimator,
+                image.report["light"]["volume_samples"] if is_tubes else light_samples,
+                refinement if is_tubes else kernel,
+                metrics.rel_rmse(image.pixels, truth, mask),
+                metrics.floored_rel(image.pixels, truth, mask),
+                stage_cpu(image, ["light"]),
+                stage_cpu(image, ["field"]),
+                stage_cpu(image, ["camera"]),
+                stage_cpu(image),
+                image.report["memory"]["field_bytes"],
+            )
+        )
+        print_row(rows[-1], statistics.median(rays_cpu))
     rays = statistics.median(rays_cpu)
     print(f"\ncamera rays alone: {rays:.3f} CPU-s, median of {len(rays_cpu)}")
     print(f"cheapest setting that reaches {100 * TARGET:.0f} % rel_rmse (bar: {BAR_COST} x rays):")
