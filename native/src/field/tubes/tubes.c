@@ -24,6 +24,8 @@ static const float ANGLE_MAX = 0.1f;
 static const float SPOT_SHARE_MAX = 0.25f;
 /* Ends whose distances differ by more than this factor are on different surfaces. */
 static const float LIMIT_RATIO_MAX = 1.2f;
+/* Cosine of incidence that counts as grazing: what enters there carries nothing to speak of. */
+static const float GRAZING_COS = 1e-3f;
 /* In radii of the object: farther than anything in it. */
 static const float LIMIT_MAX = 4.0f;
 /* Visibility and exit are asked for beside a corner, towards the triangle's middle by this part:
@@ -145,9 +147,13 @@ static Corner make_corner(const Face *face, float u, float v) {
     const LightArrival light = light_arrival(face->light, surface.p, (Sample2){0.5f, 0.5f});
     Corner corner = {.u = u, .v = v, .x = surface.p};
     const Vec3 d = vec3_negate(light.wi);
-    /* Interpolation can turn the normal away from the light near a silhouette: the face's own takes
-     * its place, as in boundary_cross. */
-    const Vec3 n = vec3_dot(d, surface.ns) < 0.0f ? surface.ns : surface.ng;
+    /* Interpolation can turn the normal away from the light near a silhouette. It is turned back
+     * until the light grazes it: unlike the face's own normal, which boundary_cross takes there,
+     * that leaves the refracted map without a jump. */
+    Vec3 n = surface.ns;
+    const float cos_s = vec3_dot(light.wi, n);
+    if (cos_s < GRAZING_COS)
+        n = vec3_normalize(vec3_madd(n, GRAZING_COS - cos_s, light.wi));
     const DielectricSplit split = dielectric_split(d, n, 1.0f / surface.material->ior);
     corner.w = split.reflectance < 1.0f ? split.refracted : d;
     const float cos_g = vec3_dot(light.wi, surface.ng);
