@@ -149,3 +149,15 @@ def test_a_mesh_turned_inside_out_is_named() -> None:
     assert [w["text"] for w in image.report["warnings"]] == [
         "body: its faces point inward; they were taken the other way round"
     ]
+
+
+@pytest.mark.parametrize(("has_pane", "estimator"), [(False, "TUBES"), (True, "POINTS_COVARIANCE")])
+def test_auto_follows_through_only_where_it_matters(has_pane: bool, estimator: str) -> None:
+    """A ball alone gets no light through another object; behind a pane it gets no other."""
+    sun = (add_sun, ((0, -1, 0), 5.0))
+    pane = (add_body, (box((-3, 2.0, -3), (3, 2.2, 3)), Medium(1.5, 0, 0)))
+    parts = [sun, (add_body, (BALL, RESIN)), VIEW] + ([pane] if has_pane else [])
+    report = render_image(scene_of(*parts), 8, effects=THROUGH, light_samples=2**14).report
+    assert report["estimator"] == estimator
+    effect = next(e for e in report["effects"] if e["name"] == "light through other objects")
+    assert effect["simulated"] == has_pane

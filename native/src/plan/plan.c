@@ -120,13 +120,41 @@ static bool may_start_inside(const AmbScene *scene) {
     return false;
 }
 
-static PlanEffect plan_transmitted(const AmbRenderParams *params, bool is_single_simulated) {
+/* Light through other objects is left out where it adds less than this share of the light that
+ * media absorb or scatter, by this many rays. */
+static const double TRANSMITTED_SHARE_MIN = 2e-3;
+enum { TRANSMITTED_PROBES = 8192 };
+
+/* Sum of the channels of what media absorb or scatter of a few light rays, W. */
+static AmbStatus probe_light(const AmbScene *scene, const AmbRenderParams *params,
+                             bool follows_through, Job *job, double *out_flux) {
+    const LightTraceParams probe = {
+        .ray_count = TRANSMITTED_PROBES, .follows_through = follows_through, .seed = params->seed};
+    LightField field;
+    AMB_TRY(light_trace(scene, &probe, job, &field));
+    const double *flux = field.tally.interacting;
+    *out_flux = flux[0] + flux[1] + flux[2];
+    light_field_clear(&field);
+    return AMB_OK;
+}
+
+static AmbStatus plan_transmitted(const AmbScene *scene, const AmbRenderParams *params,
+                                  bool is_single_simulated, Job *job, PlanEffect *out_effect) {
     const char *name = "light through other objects";
-    if ((params->effects & AMB_EFFECT_TRANSMITTED_LIGHT) == 0)
-        return skipped(name, "switched off");
-    if (!is_single_simulated)
-        return skipped(name, "nothing scatters");
-    return simulated(name, "light may pass one boundary and reach another");
+    if ((params->effects & AMB_EFFECT_TRANSMITTED_LIGHT) == 0) {
+        *out_effect = skipped(name, "switched off");
+    } else if (!is_single_simulated) {
+        *out_effect = skipped(name, "nothing scatters");
+    } else {
+        double direct = 0.0, all = 0.0;
+        AMB_TRY(probe_light(scene, params, false, job, &direct));
+        AMB_TRY(probe_light(scene, params, true, job, &all));
+        *out_effect = all - direct > TRANSMITTED_SHARE_MIN * all
+                          ? simulated(name, "it adds to the light in media, by probe rays")
+                          : skipped(name, "adds less than 0.2 % of the light in media, by probe "
+                                          "rays");
+    }
+    return AMB_OK;
 }
 
 static PlanEffect plan_world(const AmbScene *scene) {
@@ -232,7 +260,8 @@ static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *pa
     return AMB_OK;
 }
 
-AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Plan *out_plan) {
+AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job *job,
+                      Plan *out_plan) {
     Plan plan = {.estimator = params->estimator};
     PlanEffect *effects = plan.effects;
     effects[PLAN_SINGLE_SCATTERING] = plan_single(scene, params);
@@ -245,7 +274,7 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Plan
                      is_single || (params->effects & AMB_EFFECT_BACKGROUND) != 0);
     effects[PLAN_SURFACE_REFLECTION] = plan_surface(scene, params);
     effects[PLAN_BACKGROUND] = plan_background(scene, params);
-    effects[PLAN_TRANSMITTED_LIGHT] = plan_transmitted(params, is_single);
+    AMB_TRY(plan_transmitted(scene, params, is_single, job, &effects[PLAN_TRANSMITTED_LIGHT]));
     effects[PLAN_WORLD_LIGHT] = plan_world(scene);
     effects[PLAN_DOUBLE_SCATTERING] = skipped("double scattering", "not available in this version");
     effects[PLAN_MULTIPLE_SCATTERING] =

@@ -38,7 +38,8 @@ AmbStatus plan_check(const AmbRenderParams *params);
 
 /* The scene must be built. AMB_UNSUPPORTED where an estimator is asked for by name that cannot
  * render this scene. */
-AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Plan *out_plan);
+AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job *job,
+                      Plan *out_plan);
 
 const char *plan_estimator_name(uint32_t estimator);
 

@@ -130,7 +130,7 @@ static AmbStatus run_scene(AmbRender *render) {
     /* Embree builds on threads of its own: the process's clock sees them. */
     render->costs[STAGE_SCENE].cpu = clock_process_cpu() - process;
     if (status == AMB_OK)
-        status = plan_create(render->scene, &render->params, &render->plan);
+        status = plan_create(render->scene, &render->params, &render->job, &render->plan);
     if (status == AMB_OK) {
         render->has_plan = true;
         render->scene_bytes = scene_bytes(render->scene);
