@@ -23,7 +23,7 @@ os.environ["AMBERLIGHT_LIBRARY"] = str(LIBRARY)
 # The package above the binding imports bpy; the binding itself does not, so it is imported alone.
 sys.path.append(str(ROOT / "addon/amberlight"))
 
-from binding import _ffi, handles, library  # noqa: E402
+from binding import _ffi, errors, handles, library  # noqa: E402, F401 - errors for the tests
 
 POINTS_FIXED = _ffi.AMB_ESTIMATOR_POINTS_FIXED
 POINTS_COVARIANCE = _ffi.AMB_ESTIMATOR_POINTS_COVARIANCE
