@@ -161,3 +161,18 @@ def test_auto_follows_through_only_where_it_matters(has_pane: bool, estimator: s
     assert report["estimator"] == estimator
     effect = next(e for e in report["effects"] if e["name"] == "light through other objects")
     assert effect["simulated"] == has_pane
+
+
+def test_auto_leaves_a_mesh_that_crosses_itself_to_points() -> None:
+    """Two balls in one mesh that overlap: their inner faces do not end the light."""
+    other = moved(BALL, 1.0, (0.7, 0.0, 0.0))
+    twin = Mesh(
+        np.concatenate([BALL.positions, other.positions]),
+        np.concatenate([BALL.triangles, other.triangles + np.uint32(len(BALL.positions))]),
+        np.concatenate([BALL.normals, other.normals]),
+    )
+    report = render_image(
+        scene_of(LAMP, (add_body, (twin, RESIN)), VIEW), 8, effects=THROUGH, light_samples=2**14
+    ).report
+    assert report["estimator"] == "POINTS_COVARIANCE"
+    assert report["estimator_reason"] == "a mesh is open or crosses itself"

@@ -35,7 +35,7 @@ typedef struct Chunk {
     LightBeam *beams;
     uint32_t *owners; /* object of each beam */
     uint64_t count, room;
-    uint64_t leak_count;
+    uint64_t leak_count, irregular_count;
     LightTally tally;
 } Chunk;
 
@@ -242,6 +242,8 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
         if (surface.material->surface != AMB_SURFACE_DIELECTRIC)
             continue;
         const BoundaryCrossing crossing = boundary_cross(scene, &branch.stack, &surface, branch.d);
+        if (crossing.is_ignored || (crossing.is_entering && !is_outside))
+            ++chunk->irregular_count;
         if (crossing.is_ignored) {
             branch.o = scene_leave(&surface, branch.d);
             waiting[waiting_count++] = branch;
@@ -373,6 +375,7 @@ static AmbStatus gather_chunks(const Tracer *tracer, uint64_t chunk_count, Light
             beams->beams[beams->count++] = chunk->beams[i];
         }
         field->leak_count += chunk->leak_count;
+        field->irregular_count += chunk->irregular_count;
         for (int k = 0; k < 3; ++k) {
             field->tally.incident[k] += chunk->tally.incident[k];
             field->tally.entered[k] += chunk->tally.entered[k];

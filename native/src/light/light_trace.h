@@ -38,8 +38,11 @@ typedef struct LightTally {
 typedef struct LightField {
     LightBeams *objects; /* by object, object_count */
     uint32_t object_count;
-    uint64_t ray_count;  /* rays emitted */
-    uint64_t leak_count; /* rays that left an object through a hole of its mesh */
+    uint64_t ray_count;       /* rays emitted */
+    uint64_t leak_count;      /* rays that left an object through a hole of its mesh */
+    uint64_t irregular_count; /* faces met from outside by rays already inside of something, or
+                               * from inside by rays that never came in: meshes that are nested,
+                               * cross themselves or are open */
     LightTally tally;
 } LightField;
 

@@ -120,41 +120,43 @@ static bool may_start_inside(const AmbScene *scene) {
     return false;
 }
 
-/* Light through other objects is left out where it adds less than this share of the light that
- * media absorb or scatter, by this many rays. */
-static const double TRANSMITTED_SHARE_MIN = 2e-3;
-enum { TRANSMITTED_PROBES = 8192 };
+/* What a few light rays tell before the render. */
+typedef struct LightProbe {
+    double flux; /* W, all channels, that media absorb or scatter of light that enters directly */
+    double flux_through; /* the same with light through other objects */
+    bool is_irregular;   /* one ray in a thousand or more found a mesh open or crossing itself */
+} LightProbe;
 
-/* Sum of the channels of what media absorb or scatter of a few light rays, W. */
-static AmbStatus probe_light(const AmbScene *scene, const AmbRenderParams *params,
-                             bool follows_through, Job *job, double *out_flux) {
-    const LightTraceParams probe = {
-        .ray_count = TRANSMITTED_PROBES, .follows_through = follows_through, .seed = params->seed};
-    LightField field;
-    AMB_TRY(light_trace(scene, &probe, job, &field));
-    const double *flux = field.tally.interacting;
-    *out_flux = flux[0] + flux[1] + flux[2];
-    light_field_clear(&field);
+enum { PROBE_RAYS = 8192, PROBE_IRREGULAR_MAX = PROBE_RAYS / 1000 };
+/* Light through other objects is left out where it adds less than this share. */
+static const double TRANSMITTED_SHARE_MIN = 2e-3;
+
+static AmbStatus probe_light(const AmbScene *scene, const AmbRenderParams *params, Job *job,
+                             LightProbe *out_probe) {
+    for (int follows_through = 0; follows_through < 2; ++follows_through) {
+        const LightTraceParams probe = {
+            .ray_count = PROBE_RAYS, .follows_through = follows_through == 1, .seed = params->seed};
+        LightField field;
+        AMB_TRY(light_trace(scene, &probe, job, &field));
+        const double *flux = field.tally.interacting;
+        *(follows_through ? &out_probe->flux_through : &out_probe->flux) =
+            flux[0] + flux[1] + flux[2];
+        out_probe->is_irregular = field.leak_count + field.irregular_count > PROBE_IRREGULAR_MAX;
+        light_field_clear(&field);
+    }
     return AMB_OK;
 }
 
-static AmbStatus plan_transmitted(const AmbScene *scene, const AmbRenderParams *params,
-                                  bool is_single_simulated, Job *job, PlanEffect *out_effect) {
+static PlanEffect plan_transmitted(const AmbRenderParams *params, bool is_single_simulated,
+                                   const LightProbe *probe) {
     const char *name = "light through other objects";
-    if ((params->effects & AMB_EFFECT_TRANSMITTED_LIGHT) == 0) {
-        *out_effect = skipped(name, "switched off");
-    } else if (!is_single_simulated) {
-        *out_effect = skipped(name, "nothing scatters");
-    } else {
-        double direct = 0.0, all = 0.0;
-        AMB_TRY(probe_light(scene, params, false, job, &direct));
-        AMB_TRY(probe_light(scene, params, true, job, &all));
-        *out_effect = all - direct > TRANSMITTED_SHARE_MIN * all
-                          ? simulated(name, "it adds to the light in media, by probe rays")
-                          : skipped(name, "adds less than 0.2 % of the light in media, by probe "
-                                          "rays");
-    }
-    return AMB_OK;
+    if ((params->effects & AMB_EFFECT_TRANSMITTED_LIGHT) == 0)
+        return skipped(name, "switched off");
+    if (!is_single_simulated)
+        return skipped(name, "nothing scatters");
+    if (!(probe->flux_through - probe->flux > TRANSMITTED_SHARE_MIN * probe->flux_through))
+        return skipped(name, "adds less than 0.2 % of the light in media, by probe rays");
+    return simulated(name, "it adds to the light in media, by probe rays");
 }
 
 static PlanEffect plan_world(const AmbScene *scene) {
@@ -225,7 +227,8 @@ static Obstacle tubes_obstacle(const AmbScene *scene, const PlanEffect *light_bo
 }
 
 /* Resolves AUTO, and refuses what was asked for by name and cannot be. */
-static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *params, Plan *plan) {
+static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *params,
+                                const LightProbe *probe, Plan *plan) {
     plan->estimator = params->estimator;
     plan->estimator_reason = "asked for";
     if (!plan->effects[PLAN_SINGLE_SCATTERING].is_simulated) {
@@ -253,6 +256,10 @@ static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *pa
     if (obstacle.reason != NULL) {
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = obstacle.reason;
+    } else if (probe->is_irregular) {
+        /* Tubes end at the first face that they meet; points know what they are inside of. */
+        plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
+        plan->estimator_reason = "a mesh is open or crosses itself";
     } else if (plan->effects[PLAN_TRANSMITTED_LIGHT].is_simulated) {
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = "light through other objects is simulated";
@@ -274,12 +281,15 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job 
                      is_single || (params->effects & AMB_EFFECT_BACKGROUND) != 0);
     effects[PLAN_SURFACE_REFLECTION] = plan_surface(scene, params);
     effects[PLAN_BACKGROUND] = plan_background(scene, params);
-    AMB_TRY(plan_transmitted(scene, params, is_single, job, &effects[PLAN_TRANSMITTED_LIGHT]));
+    LightProbe probe = {.is_irregular = false};
+    if (is_single)
+        AMB_TRY(probe_light(scene, params, job, &probe));
+    effects[PLAN_TRANSMITTED_LIGHT] = plan_transmitted(params, is_single, &probe);
     effects[PLAN_WORLD_LIGHT] = plan_world(scene);
     effects[PLAN_DOUBLE_SCATTERING] = skipped("double scattering", "not available in this version");
     effects[PLAN_MULTIPLE_SCATTERING] =
         skipped("multiple scattering", "not available in this version");
-    AMB_TRY(plan_estimator(scene, params, &plan));
+    AMB_TRY(plan_estimator(scene, params, &probe, &plan));
 
     plan.light = (LightTraceParams){
         .ray_count = params->light_samples / SAMPLES_PER_RAY > 0
