@@ -80,18 +80,19 @@ static inline uint32_t lanes_bits(LaneMask mask) {
 #if defined(__AVX2__)
 /* For each set of lanes their numbers in ascending order, a byte each. */
 #define LANES_RANK(b, i)                                                                           \
-    (8 * ((i > 0 ? (b)&1 : 0) + (i > 1 ? (b) >> 1 & 1 : 0) + (i > 2 ? (b) >> 2 & 1 : 0) +          \
-          (i > 3 ? (b) >> 3 & 1 : 0) + (i > 4 ? (b) >> 4 & 1 : 0) + (i > 5 ? (b) >> 5 & 1 : 0) +   \
-          (i > 6 ? (b) >> 6 & 1 : 0)))
+    (8 * (((i) > 0 ? (b)&1 : 0) + ((i) > 1 ? (b) >> 1 & 1 : 0) + ((i) > 2 ? (b) >> 2 & 1 : 0) +    \
+          ((i) > 3 ? (b) >> 3 & 1 : 0) + ((i) > 4 ? (b) >> 4 & 1 : 0) +                            \
+          ((i) > 5 ? (b) >> 5 & 1 : 0) + ((i) > 6 ? (b) >> 6 & 1 : 0)))
 #define LANES_PLACE(b, i) (((b) >> (i)&1 ? UINT64_C(i) : UINT64_C(0)) << LANES_RANK(b, i))
 #define LANES_ORDER(b)                                                                             \
     (LANES_PLACE(b, 0) | LANES_PLACE(b, 1) | LANES_PLACE(b, 2) | LANES_PLACE(b, 3) |               \
      LANES_PLACE(b, 4) | LANES_PLACE(b, 5) | LANES_PLACE(b, 6) | LANES_PLACE(b, 7))
-#define LANES_ORDER4(b) LANES_ORDER(b), LANES_ORDER(b + 1), LANES_ORDER(b + 2), LANES_ORDER(b + 3)
+#define LANES_ORDER4(b)                                                                            \
+    LANES_ORDER(b), LANES_ORDER((b) + 1), LANES_ORDER((b) + 2), LANES_ORDER((b) + 3)
 #define LANES_ORDER16(b)                                                                           \
-    LANES_ORDER4(b), LANES_ORDER4(b + 4), LANES_ORDER4(b + 8), LANES_ORDER4(b + 12)
+    LANES_ORDER4(b), LANES_ORDER4((b) + 4), LANES_ORDER4((b) + 8), LANES_ORDER4((b) + 12)
 #define LANES_ORDER64(b)                                                                           \
-    LANES_ORDER16(b), LANES_ORDER16(b + 16), LANES_ORDER16(b + 32), LANES_ORDER16(b + 48)
+    LANES_ORDER16(b), LANES_ORDER16((b) + 16), LANES_ORDER16((b) + 32), LANES_ORDER16((b) + 48)
 static const uint64_t LANES_ORDERS[256] = {LANES_ORDER64(0), LANES_ORDER64(64), LANES_ORDER64(128),
                                            LANES_ORDER64(192)};
 #endif
