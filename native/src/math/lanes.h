@@ -83,7 +83,7 @@ static inline uint32_t lanes_bits(LaneMask mask) {
     (8 * (((i) > 0 ? (b)&1 : 0) + ((i) > 1 ? (b) >> 1 & 1 : 0) + ((i) > 2 ? (b) >> 2 & 1 : 0) +    \
           ((i) > 3 ? (b) >> 3 & 1 : 0) + ((i) > 4 ? (b) >> 4 & 1 : 0) +                            \
           ((i) > 5 ? (b) >> 5 & 1 : 0) + ((i) > 6 ? (b) >> 6 & 1 : 0)))
-#define LANES_PLACE(b, i) (((b) >> (i)&1 ? UINT64_C(i) : UINT64_C(0)) << LANES_RANK(b, i))
+#define LANES_PLACE(b, i) ((UINT64_C(i) * ((b) >> (i)&1)) << LANES_RANK(b, i))
 #define LANES_ORDER(b)                                                                             \
     (LANES_PLACE(b, 0) | LANES_PLACE(b, 1) | LANES_PLACE(b, 2) | LANES_PLACE(b, 3) |               \
      LANES_PLACE(b, 4) | LANES_PLACE(b, 5) | LANES_PLACE(b, 6) | LANES_PLACE(b, 7))
