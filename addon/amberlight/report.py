@@ -54,7 +54,9 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     light = report.get("light", {})
     if "rays" in light:
         lines.append(
-            f"light: {light['rays']} rays, {light.get('volume_samples', 0)} volume samples"
+            f"light: {light['tubes']} tubes"
+            if light.get("tubes")
+            else f"light: {light['rays']} rays, {light.get('volume_samples', 0)} volume samples"
         )
     return lines
 

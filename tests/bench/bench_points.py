@@ -214,7 +214,7 @@ def sweep(build: BuildScene, quick: bool, threads: int) -> None:
         rows.append(
             Row(
                 estimator,
-                image.report["light"]["volume_samples"] if is_tubes else light_samples,
+                image.report["light"]["tubes"] if is_tubes else light_samples,
                 refinement if is_tubes else kernel,
                 metrics.rel_rmse(image.pixels, truth, mask),
                 metrics.floored_rel(image.pixels, truth, mask),

@@ -92,6 +92,8 @@ def test_summary():
         "memory: scene 1.0 MiB, peak rss 2.0 MiB",
         "light: 5 rays, 6 volume samples",
     ]
+    report["light"] = {"rays": 0, "volume_samples": 0, "tubes": 7}
+    assert reports.summary_lines(report)[-1] == "light: 7 tubes"
     assert reports.warning_lines(report) == ["open mesh (3 times)"]
     assert reports.summary_lines({}) == reports.warning_lines({}) == []
 

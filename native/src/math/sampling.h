@@ -14,7 +14,7 @@ typedef struct Sample2 {
     float u, v; /* [0,1)^2 */
 } Sample2;
 
-/* Point i of the R2 sequence (additive recurrence of the plastic number, Roberts 2018), shifted
+/* Point i of the R2 sequence (additive recurrence of the plastic number, [Roberts18]), shifted
  * by (su, sv) modulo 1. Low discrepancy for any prefix. */
 static inline Sample2 sample_r2(uint64_t i, float su, float sv) {
     /* 0.64 fixed point: exact wrap-around at any index. */

@@ -62,8 +62,7 @@ static inline float vec3_max_component(Vec3 a) {
     return fmaxf(a.x, fmaxf(a.y, a.z));
 }
 
-/* Two unit vectors that complete unit n to a right-handed frame (Duff et al. 2017, "Building an
- * Orthonormal Basis, Revisited"): no singular direction. */
+/* Two unit vectors that complete unit n to a right-handed frame [Duff17]: no singular direction. */
 static inline void vec3_frame(Vec3 n, Vec3 *out_x, Vec3 *out_y) {
     const float sign = copysignf(1.0f, n.z);
     const float a = -1.0f / (sign + n.z);

@@ -3,8 +3,7 @@
 #include "plan/plan.h"
 
 /* Volume samples along one light ray, on average. More of them follow a caustic more closely and
- * make tighter boxes, fewer leave more rays for the same memory; the error hardly depends on it
- * between 4 and 16 (tests/bench/bench_points.py). */
+ * make tighter boxes, fewer leave more rays for the same memory. */
 static const uint64_t SAMPLES_PER_RAY = 8;
 
 const char *plan_estimator_name(uint32_t estimator) {

@@ -126,11 +126,11 @@ static AmbStatus run_scene(AmbRender *render) {
     const StageClock begin = clock_stage(render);
     const double process = clock_process_cpu();
     AmbStatus status = scene_build(render->scene, &render->job);
+    if (status == AMB_OK)
+        status = plan_create(render->scene, &render->params, &render->job, &render->plan);
     charge_stage(render, STAGE_SCENE, begin);
     /* Embree builds on threads of its own: the process's clock sees them. */
     render->costs[STAGE_SCENE].cpu = clock_process_cpu() - process;
-    if (status == AMB_OK)
-        status = plan_create(render->scene, &render->params, &render->job, &render->plan);
     if (status == AMB_OK) {
         render->has_plan = true;
         render->scene_bytes = scene_bytes(render->scene);

@@ -56,8 +56,10 @@ static void add_memory(Text *text, const AmbRender *render) {
 }
 
 static void add_light(Text *text, const AmbRender *render) {
-    add(text, "  \"light\": {\"rays\": %llu, \"volume_samples\": %llu, ",
-        (unsigned long long)render->ray_count, (unsigned long long)render->light_sample_count);
+    const bool is_tubes = render->plan.estimator == AMB_ESTIMATOR_TUBES;
+    const unsigned long long elements = render->light_sample_count;
+    add(text, "  \"light\": {\"rays\": %llu, \"volume_samples\": %llu, \"tubes\": %llu, ",
+        (unsigned long long)render->ray_count, is_tubes ? 0 : elements, is_tubes ? elements : 0);
     add_rgb(text, "flux_incident", render->tally.incident, ", ");
     add_rgb(text, "flux_entered", render->tally.entered, ", ");
     add_rgb(text, "flux_interacting", render->tally.interacting, "},\n");

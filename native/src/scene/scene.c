@@ -336,7 +336,7 @@ Vec3 scene_normal_derivative(const AmbScene *scene, const Hit *hit, Vec3 dp) {
 
 Vec3 scene_leave(const SurfacePoint *surface, Vec3 d) {
     /* A few units in the last place of the largest coordinate: the error of interpolated
-     * positions (Waechter and Binder 2019), without their integer tricks. */
+     * positions [Waechter19], without their integer tricks. */
     const Vec3 p = surface->p;
     const float scale = fmaxf(fmaxf(fabsf(p.x), fabsf(p.y)), fabsf(p.z));
     const float offset = copysignf(2e-6f * scale + 1e-12f, vec3_dot(d, surface->ng));
