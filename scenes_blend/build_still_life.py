@@ -32,19 +32,6 @@ def knot(t: float) -> common.Point:
     )
 
 
-def sweep() -> common.Shape:
-    """Ground that bends up into a backdrop: a profile in y-z, drawn out along x."""
-    radius, front, back, height, half_width = 2.5, -12.0, 4.5, 9.0, 14.0
-    profile = [(front, 0.0), (back - radius, 0.0)]
-    for i in range(1, 17):
-        angle = 0.5 * pi * i / 16
-        profile.append((back - radius + radius * sin(angle), radius - radius * cos(angle)))
-    profile.append((back, height))
-    vertices = [(x, y, z) for y, z in profile for x in (-half_width, half_width)]
-    faces = [(2 * i, 2 * i + 1, 2 * i + 3, 2 * i + 2) for i in range(len(profile) - 1)]
-    return vertices, faces
-
-
 def disc(radius: float, bottom: float, top: float, bevel: float, around: int) -> common.Shape:
     """Closed cylinder about z with a bevelled upper edge."""
     rings = [(radius, bottom), (radius, top - bevel), (radius - bevel, top)]
@@ -71,7 +58,7 @@ jade = common.translucent("Jade", (3.2, 3.8, 3.3), (2.2, 0.15, 0.9), g=0.2, ior=
 stone = common.diffuse("Stone", (0.2, 0.17, 0.15))
 plaster = common.diffuse("Plaster", (0.5, 0.45, 0.4))
 
-common.add_object("Sweep", sweep(), stone)
+common.add_object("Sweep", common.sweep(), stone)
 common.add_object("Plinth", disc(0.95, 0.0, 0.55, 0.04, 96), plaster, smooth=False).location = (
     -0.95, 0.2, 0.0,
 )  # fmt: skip

@@ -29,6 +29,10 @@ BUMPY_SIGMA_A: Color = (0.0098988121, 0.10012399, 0.24977001)
 BUMPY_G = 0.9
 BUMPY_IOR = 1.5
 
+# Settings for the paths of the paper's images: what light does that leaves an object and enters
+# it again, or another, is not among them.
+PAPER_PATHS = {"adjoint_normals": False, "effects": "MANUAL", "use_transmitted_light": False}
+
 
 # ---- Shapes --------------------------------------------------------------------------------------
 
@@ -75,6 +79,20 @@ def icosphere(level: int) -> tuple[list[Point], list[Triangle]]:
     return vertices, triangles
 
 
+def read_obj(path: Path) -> Shape:
+    """Vertices, turned from y up to z up, and polygons of an OBJ, each polygon once. Its normals
+    are left: Blender makes smooth ones of its own."""
+    vertices: list[Point] = []
+    polygons: list[tuple[int, ...]] = []
+    for line in path.read_text().splitlines():
+        kind, *words = line.split() or [""]
+        if kind == "v":
+            vertices.append(y_up([float(word) for word in words[:3]]))
+        elif kind == "f":
+            polygons.append(tuple(int(word.split("/")[0]) - 1 for word in words))
+    return vertices, list({frozenset(polygon): polygon for polygon in polygons}.values())
+
+
 def y_up(p: Sequence[float]) -> Point:
     """A point given with y up, as in the paper's scenes, in Blender's z up."""
     return (p[0], -p[2], p[1])
@@ -93,6 +111,17 @@ def add_object(
     if mesh.validate():
         raise ValueError(f"{name}: not a valid mesh")
     return link(bpy.data.objects.new(name, mesh))
+
+
+def add_remesh(item: bpy.types.Object, voxel_size: float, smoothings: int) -> None:
+    """One closed surface around everything that overlaps, without the steps of its voxels."""
+    remesh = item.modifiers.new("Remesh", "REMESH")
+    remesh.mode = "VOXEL"
+    remesh.voxel_size = voxel_size
+    remesh.use_smooth_shade = True
+    smooth = item.modifiers.new("Smooth", "SMOOTH")
+    smooth.factor = 0.5
+    smooth.iterations = smoothings
 
 
 def add_subdivision(item: bpy.types.Object, levels: int) -> None:
@@ -128,6 +157,43 @@ def tube(curve: Callable[[float], Point], radius: float, around: int, along: int
     return vertices, polygons
 
 
+def add_lathed(
+    name: str,
+    profile: Sequence[tuple[float, float]],
+    material: bpy.types.Material,
+    around: int,
+) -> bpy.types.Object:
+    """Closed surface of revolution about z. The profile is (radius, z) along the outside, from the
+    axis below to the axis above; the file keeps it and a modifier turns it."""
+    vertices = [(radius, 0.0, z) for radius, z in profile]
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(vertices, [(i, i + 1) for i in range(len(vertices) - 1)], [])
+    mesh.materials.append(material)
+    item = link(bpy.data.objects.new(name, mesh))
+    screw = item.modifiers.new("Lathe", "SCREW")
+    screw.steps = screw.render_steps = around
+    screw.use_merge_vertices = True
+    screw.merge_threshold = 1e-5
+    screw.use_smooth_shade = True
+    screw.use_normal_flip = True  # outwards, for a profile that goes up along the outside
+    return item
+
+
+def sweep() -> Shape:
+    """Ground that bends up into a backdrop: a profile in y-z, drawn out along x."""
+    radius, front, back, height, half_width = 2.5, -12.0, 4.5, 9.0, 14.0
+    profile = [(front, 0.0), (back - radius, 0.0)]
+    for i in range(1, 17):
+        angle = 0.5 * math.pi * i / 16
+        profile.append(
+            (back - radius + radius * math.sin(angle), radius - radius * math.cos(angle))
+        )
+    profile.append((back, height))
+    vertices = [(x, y, z) for y, z in profile for x in (-half_width, half_width)]
+    faces = [(2 * i, 2 * i + 1, 2 * i + 3, 2 * i + 2) for i in range(len(profile) - 1)]
+    return vertices, faces
+
+
 # ---- Materials -----------------------------------------------------------------------------------
 
 
@@ -149,6 +215,25 @@ def diffuse(name: str, color: Color) -> bpy.types.Material:
     return material
 
 
+def clear_glass(name: str, ior: float) -> bpy.types.Material:
+    """Smooth glass around nothing."""
+    return new_glass(name, ior)[0]
+
+
+def new_glass(
+    name: str, ior: float
+) -> tuple[bpy.types.Material, bpy.types.NodeTree, bpy.types.Node]:
+    """Material whose surface is smooth glass, its tree and its output."""
+    material, tree, output = new_material(name)
+    glass = tree.nodes.new("ShaderNodeBsdfGlass")
+    glass.inputs["Color"].default_value = (1, 1, 1, 1)
+    glass.inputs["Roughness"].default_value = 0
+    glass.inputs["IOR"].default_value = ior
+    glass.location = (-200, 200)
+    tree.links.new(glass.outputs[0], output.inputs["Surface"])
+    return material, tree, output
+
+
 def translucent(
     name: str, sigma_s: Color, sigma_a: Color, g: float, ior: float
 ) -> bpy.types.Material:
@@ -158,12 +243,8 @@ def translucent(
     sigma_a = density * (1 - color). With the largest coefficient as density every colour is in
     [0, 1].
     """
-    material, tree, output = new_material(name)
+    material, tree, output = new_glass(name, ior)
     new, connect = tree.nodes.new, tree.links.new
-    glass = new("ShaderNodeBsdfGlass")
-    glass.inputs["Color"].default_value = (1, 1, 1, 1)
-    glass.inputs["Roughness"].default_value = 0
-    glass.inputs["IOR"].default_value = ior
 
     density = max(sigma_s)
     scatter = new("ShaderNodeVolumeScatter")
@@ -179,13 +260,31 @@ def translucent(
     both = new("ShaderNodeAddShader")
     connect(scatter.outputs[0], both.inputs[0])
     connect(absorption.outputs[0], both.inputs[1])
-    connect(glass.outputs[0], output.inputs["Surface"])
     connect(both.outputs[0], output.inputs["Volume"])
 
-    places = {glass: (-200, 200), scatter: (-400, 0), absorption: (-400, -200), both: (-200, -60)}
+    places = {scatter: (-400, 0), absorption: (-400, -200), both: (-200, -60)}
     for node, place in places.items():
         node.location = place
     return material
+
+
+def paper_resin(
+    name: str, albedo: Color, mean_free_path: Color, g: float, ior: float = 1.5
+) -> bpy.types.Material:
+    """A row of the paper's table 3: albedo, 1 / sigma_t in units of the scene, g. The paper prints
+    no index of refraction; 1.5 is that of the case that SmallUPBP rendered."""
+    sigma_t = [1 / length for length in mean_free_path]
+    sigma_s = tuple(a * t for a, t in zip(albedo, sigma_t, strict=True))
+    sigma_a = tuple((1 - a) * t for a, t in zip(albedo, sigma_t, strict=True))
+    return translucent(name, sigma_s, sigma_a, g, ior)
+
+
+def bunny_resin() -> bpy.types.Material:
+    return paper_resin("Bunny resin", (0.165, 0.115, 0.073), (8.231, 4.751, 2.269), g=0.9)
+
+
+def buddha_resin() -> bpy.types.Material:
+    return paper_resin("Buddha resin", (0.24, 0.48, 0.96), (2.0, 2.0, 2.0), g=0.8)
 
 
 def bumpy_resin() -> bpy.types.Material:
@@ -209,6 +308,20 @@ def add_point_light(name: str, position: Sequence[float], intensity: float) -> b
     lamp.shadow_soft_size = 0
     item = link(bpy.data.objects.new(name, lamp))
     item.location = position
+    return item
+
+
+def add_spot_light(
+    name: str, position: Sequence[float], target: Sequence[float], intensity: float, angle: float
+) -> bpy.types.Object:
+    """Spot light of radius 0 with a soft edge; W/sr on its axis, full angle in degrees."""
+    lamp = bpy.data.lights.new(name, "SPOT")
+    lamp.energy = 4 * math.pi * intensity
+    lamp.spot_size = math.radians(angle)
+    lamp.spot_blend = 0.5
+    lamp.shadow_soft_size = 0
+    item = link(bpy.data.objects.new(name, lamp))
+    aim(item, position, target)
     return item
 
 
@@ -265,9 +378,25 @@ def set_view(scene: bpy.types.Scene, transform: str, exposure: float) -> None:
     scene.view_settings.exposure = exposure
 
 
+def arguments() -> list[str]:
+    """What stands after `--` on Blender's command line."""
+    return sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
+
+
+def paths_given(usage: str) -> list[Path]:
+    """As many paths as `usage` has words; ends Blender where there are not."""
+    given = arguments()
+    if len(given) != len(usage.split()):
+        raise SystemExit(f"after --: {usage}")
+    return [Path(path) for path in given]
+
+
 def save(default_name: str) -> None:
     """Writes the .blend: the argument after `--`, else `default_name` beside the scripts."""
-    arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
-    path = Path(arguments[0]) if arguments else Path(__file__).parent / default_name
+    given = arguments()
+    save_as(Path(given[0]) if given else Path(__file__).parent / default_name)
+
+
+def save_as(path: Path) -> None:
     bpy.context.preferences.filepaths.save_version = 0  # no .blend1 beside it
     bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True, check_existing=False)

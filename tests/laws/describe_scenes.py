@@ -8,11 +8,26 @@ import json
 import sys
 from pathlib import Path
 
+import bmesh
 import bpy
 
 
 def rounded(values):
     return [round(float(v), 5) for v in values]
+
+
+def describe_modifier(modifier):
+    names = ("render_levels", "voxel_size", "factor", "iterations", "render_steps")
+    values = {name: getattr(modifier, name, None) for name in names}
+    return [modifier.type, {k: round(float(v), 5) for k, v in values.items() if v is not None}]
+
+
+def describe_solid(item):
+    """Edges that are not shared by two polygons, and the volume inside, with modifiers applied."""
+    solid = bmesh.new()
+    solid.from_mesh(item.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh())
+    open_edges = sum(1 for edge in solid.edges if len(edge.link_faces) != 2)
+    return {"open_edges": open_edges, "volume": round(solid.calc_volume(signed=True), 4)}
 
 
 def describe_object(item):
@@ -24,7 +39,8 @@ def describe_object(item):
         about["box"] = [rounded(corner) for corner in (item.bound_box[0], item.bound_box[6])]
         about["smooth"] = all(polygon.use_smooth for polygon in mesh.polygons)
         about["materials"] = [material.name for material in mesh.materials]
-        about["modifiers"] = [(m.type, m.render_levels) for m in item.modifiers]
+        about["modifiers"] = [describe_modifier(m) for m in item.modifiers]
+        about |= describe_solid(item)
     elif item.type == "LIGHT":
         lamp = item.data
         about["light"] = [lamp.type, round(lamp.energy, 3), round(lamp.shadow_soft_size, 5)]
