@@ -31,7 +31,12 @@ enum_estimators = (
         "Light tubes behind each triangle: no kernel, no noise; for lamps without extent outside "
         "of all translucent objects, without light bounces",
     ),
-    ("SPECULAR", "Exact connections", "Solved light paths (not available in this version)"),
+    (
+        "SPECULAR",
+        "Exact connections",
+        "Light paths solved for each camera ray: the reference of the others, exact and slow; for "
+        "the same lamps as tubes",
+    ),
 )
 enum_effects = (
     ("AUTO", "Automatic", "Simulate what the scene shows, and say what was left out and why"),

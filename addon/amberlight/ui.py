@@ -79,8 +79,6 @@ class AMBERLIGHT_RENDER_PT_estimator(_Panel, bpy.types.Panel):
         settings = context.scene.amberlight
         col = self.column(self.layout)
         col.prop(settings, "estimator")
-        if settings.estimator == "SPECULAR":
-            col.label(text="Not available in this version", icon="ERROR")
         if settings.estimator in {"AUTO", "TUBES"}:
             col.prop(settings, "tube_refinement")
         if settings.estimator not in {"TUBES", "SPECULAR"}:

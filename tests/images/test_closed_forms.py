@@ -17,6 +17,8 @@ from api import (
     LIBRARY,
     POINTS,
     POINTS_COVARIANCE,
+    SPECULAR,
+    TRIANGLES,
     TUBES,
     BuildScene,
     Medium,
@@ -88,8 +90,8 @@ def test_slab(g: float, estimator: int) -> None:
 @each
 @pytest.mark.parametrize(("light", "camera"), [(0, 0), (6, 0), (0, 6), (6, 6)])
 def test_slab_with_internal_reflections(light: int, camera: int, estimator: int) -> None:
-    if estimator == TUBES and light > 0:
-        pytest.skip("tubes follow no internal reflections of the light")
+    if estimator in TRIANGLES.values() and light > 0:
+        pytest.skip("follows no internal reflections of the light")
     slab = Slab(g=0.5)
     expected = slab.radiance_all_reflections(light > 0, camera > 0)
     value = radiance(
@@ -302,7 +304,8 @@ def test_flux_of_a_matched_sphere(sigma_t: float, estimator: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("estimator", "bounces"), [(TUBES, 0), (POINTS_COVARIANCE, 0), (POINTS_COVARIANCE, 40)]
+    ("estimator", "bounces"),
+    [(TUBES, 0), (SPECULAR, 0), (POINTS_COVARIANCE, 0), (POINTS_COVARIANCE, 40)],
 )
 def test_flux_of_a_refracting_sphere(bounces: int, estimator: int) -> None:
     flux = fluxes(1.5, 1.0, bounces, estimator)
@@ -413,17 +416,19 @@ def test_estimators_converge_to_the_same_image() -> None:
     tubes, which have neither, in mean and in L2."""
     gaps, biases, distances = [], [], []
     for light_samples, kernel_size in ((2**15, 16), (2**18, 12), (2**21, 8)):
-        fixed, adaptive, tubes = bumpy_images(light_samples, kernel_size)
+        fixed, adaptive, tubes, exact = bumpy_images(light_samples, kernel_size)
         gaps.append(metrics.rel_rmse(fixed, adaptive))
         biases.append(np.abs(metrics.mean_ratio(fixed, adaptive) - 1).max())
         distances.append(metrics.rel_rmse(adaptive, tubes))
     assert gaps[0] > 1.5 * gaps[1] > 2.25 * gaps[2]
     assert biases[2] < 3e-3 < biases[0]
     assert distances[0] > 1.5 * distances[1] > 2.25 * distances[2]
-    assert metrics.mean_ratio(adaptive, tubes) == pytest.approx(np.ones(3), abs=2e-3)
+    assert metrics.mean_ratio(adaptive, exact) == pytest.approx(np.ones(3), abs=2e-3)
+    assert metrics.mean_ratio(tubes, exact) == pytest.approx(np.ones(3), abs=1e-3)
 
 
-def test_tubes_refuse_what_they_cannot_render() -> None:
+@pytest.mark.parametrize("estimator", TRIANGLES.values(), ids=TRIANGLES.keys())
+def test_triangles_refuse_what_they_cannot_render(estimator: int) -> None:
     medium = Medium(1.5, 0.5, 0.5)
 
     def build(lamp: str, inner: bool = False) -> BuildScene:
@@ -453,16 +458,16 @@ def test_tubes_refuse_what_they_cannot_render() -> None:
     }
     for reason, scene in cases.items():
         with pytest.raises(errors.AmbUnsupported, match=reason):
-            render(scene, 2, estimator=TUBES)
+            render(scene, 2, estimator=estimator)
         report = render(scene, 2, light_samples=2**10).report
         assert report["estimator"] == "POINTS_COVARIANCE"
         assert reason in report["estimator_reason"]
     with pytest.raises(errors.AmbUnsupported, match="light_bounces"):
-        render(build("outside"), 2, estimator=TUBES, light_bounces=1)
+        render(build("outside"), 2, estimator=estimator, light_bounces=1)
     assert render(build("outside"), 2).report["estimator"] == "TUBES"
 
 
-def test_tubes_see_the_shadow_of_another_object() -> None:
+def test_triangles_see_the_shadow_of_another_object() -> None:
     """A black ball in front of the lamp takes its share: as for points, which trace every ray."""
 
     def build(scene: handles.Scene) -> None:
@@ -484,9 +489,11 @@ def test_tubes_see_the_shadow_of_another_object() -> None:
             tube_refinement=1,
             samples=4,
         )
-        for estimator in (TUBES, POINTS_COVARIANCE)
+        for estimator in (SPECULAR, TUBES, POINTS_COVARIANCE)
     ]
-    tubes, dots = (shot.pixels for shot in shots)
+    exact, tubes, dots = (shot.pixels for shot in shots)
     mask = dots[..., 0] > 0
-    assert metrics.mean_ratio(tubes, dots, mask) == pytest.approx(np.ones(3), abs=3e-3)
-    assert metrics.rel_rmse(tubes, dots, mask) < 0.03
+    for image in (exact, tubes):
+        assert metrics.mean_ratio(image, dots, mask) == pytest.approx(np.ones(3), abs=3e-3)
+        assert metrics.rel_rmse(image, dots, mask) < 0.03
+    assert metrics.mean_ratio(tubes, exact, mask) == pytest.approx(np.ones(3), abs=2e-3)

@@ -4,6 +4,7 @@
 
 #include "base/memory.h"
 #include "field/points/points.h"
+#include "field/specular/specular.h"
 #include "field/tubes/tubes.h"
 
 struct Field {
@@ -11,6 +12,8 @@ struct Field {
     PointCloud *clouds; /* by object; the point estimators */
     TubeField *tubes;   /* by object; TUBES, else NULL */
     TubeCount tube_count;
+    SpecularField *specular; /* by object; SPECULAR, else NULL */
+    SpecularCount specular_count;
 };
 
 static AmbStatus create_points(const AmbScene *scene, const LightField *light,
@@ -49,15 +52,35 @@ static AmbStatus create_tubes(const AmbScene *scene, const FieldParams *params, 
     return AMB_OK;
 }
 
+static AmbStatus create_specular(const AmbScene *scene, const FieldParams *params, Job *job,
+                                 Field *field) {
+    field->specular = memory_zero_array(scene->object_count, sizeof(SpecularField));
+    if (field->specular == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light field");
+    for (uint32_t o = 0; o < scene->object_count; ++o)
+        if (scene->objects[o].is_boundary &&
+            medium_scatters(&scene->materials[scene->objects[o].inside].medium))
+            AMB_TRY(specular_build(scene, o, params->adjoint_normals, job, &field->specular_count,
+                                   &field->specular[o]));
+    return AMB_OK;
+}
+
+static AmbStatus create_by_estimator(const AmbScene *scene, const LightField *light,
+                                     const FieldParams *params, Job *job, Field *field) {
+    if (params->estimator == AMB_ESTIMATOR_TUBES)
+        return create_tubes(scene, params, job, field);
+    if (params->estimator == AMB_ESTIMATOR_SPECULAR)
+        return create_specular(scene, params, job, field);
+    return create_points(scene, light, params, job, field);
+}
+
 AmbStatus field_create(const AmbScene *scene, const LightField *light, const FieldParams *params,
                        Job *job, Field **out_field) {
     Field *field = memory_zero_array(1, sizeof *field);
     if (field == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light field");
     field->object_count = scene->object_count;
-    const AmbStatus status = params->estimator == AMB_ESTIMATOR_TUBES
-                                 ? create_tubes(scene, params, job, field)
-                                 : create_points(scene, light, params, job, field);
+    const AmbStatus status = create_by_estimator(scene, light, params, job, field);
     if (status != AMB_OK) {
         field_destroy(field);
         return status;
@@ -74,9 +97,12 @@ void field_destroy(Field *field) {
             points_clear(&field->clouds[o]);
         if (field->tubes != NULL)
             tubes_clear(&field->tubes[o]);
+        if (field->specular != NULL)
+            specular_clear(&field->specular[o]);
     }
     memory_free(field->clouds);
     memory_free(field->tubes);
+    memory_free(field->specular);
     memory_free(field);
 }
 
@@ -84,6 +110,8 @@ FieldRadiance field_gather(const Field *field, const FieldSegment *segment) {
     const uint32_t o = segment->object;
     if (field->tubes != NULL && field->tubes[o].tube_count > 0)
         return tubes_gather(&field->tubes[o], segment->o, segment->d, segment->length);
+    if (field->specular != NULL && field->specular[o].tree.cell_count > 0)
+        return specular_gather(&field->specular[o], segment->o, segment->d, segment->length);
     if (field->clouds != NULL && field->clouds[o].sample_count > 0)
         return points_gather(&field->clouds[o], segment->o, segment->d, segment->length);
     return (FieldRadiance){.radiance = {0, 0, 0}};
@@ -92,22 +120,26 @@ FieldRadiance field_gather(const Field *field, const FieldSegment *segment) {
 uint64_t field_bytes(const Field *field) {
     uint64_t bytes = 0;
     for (uint32_t o = 0; o < field->object_count; ++o)
-        bytes +=
-            field->tubes != NULL ? tubes_bytes(&field->tubes[o]) : points_bytes(&field->clouds[o]);
+        bytes += field->tubes != NULL      ? tubes_bytes(&field->tubes[o])
+                 : field->specular != NULL ? specular_bytes(&field->specular[o])
+                                           : points_bytes(&field->clouds[o]);
     return bytes;
 }
 
 uint64_t field_sample_count(const Field *field) {
     uint64_t count = 0;
     for (uint32_t o = 0; o < field->object_count; ++o)
-        count += field->tubes != NULL ? field->tubes[o].tube_count : field->clouds[o].sample_count;
+        count += field->tubes != NULL      ? field->tubes[o].tube_count
+                 : field->specular != NULL ? field->specular[o].tree.cell_count
+                                           : field->clouds[o].sample_count;
     return count;
 }
 
 bool field_tally(const Field *field, LightTally *out_tally, uint64_t *out_leak_count) {
-    if (field->tubes == NULL)
+    if (field->clouds != NULL)
         return false;
-    *out_tally = field->tube_count.tally;
-    *out_leak_count = field->tube_count.leak_count;
+    const bool is_tubes = field->tubes != NULL;
+    *out_tally = is_tubes ? field->tube_count.tally : field->specular_count.tally;
+    *out_leak_count = is_tubes ? field->tube_count.leak_count : field->specular_count.leak_count;
     return true;
 }

@@ -8,11 +8,12 @@
 typedef struct Field Field;
 
 typedef struct FieldParams {
-    uint32_t estimator;       /* AMB_ESTIMATOR_POINTS_FIXED, _POINTS_COVARIANCE or _TUBES */
+    uint32_t estimator;       /* AMB_ESTIMATOR_*, not AUTO */
     uint64_t sample_target;   /* points: volume samples to place, about */
     float kernel_size;        /* points: C_k of [Liang19] eq. 8 */
     uint32_t tube_refinement; /* tubes: each triangle is halved that many times along its edges */
-    bool adjoint_normals;     /* tubes: see BoundaryCrossing; points have it from the light pass */
+    bool adjoint_normals;     /* tubes and specular: see BoundaryCrossing; points have it from the
+                               * light pass */
 } FieldParams;
 
 /* A straight stretch of a camera path inside one medium. */
@@ -28,8 +29,8 @@ typedef struct FieldRadiance {
     float contribution; /* sum of contributions (mean of channels): the weight of frequency */
 } FieldRadiance;
 
-/* Builds the field of an estimator: points from the light pass; tubes, which refract at the mesh's
- * own triangles, from the scene, and light may be NULL. The scene must outlive it. */
+/* Builds the field of an estimator: points from the light pass; tubes and specular, which refract
+ * at the mesh's own triangles, from the scene, and light may be NULL. The scene must outlive it. */
 AmbStatus field_create(const AmbScene *scene, const LightField *light, const FieldParams *params,
                        Job *job, Field **out_field);
 void field_destroy(Field *field);
@@ -40,10 +41,10 @@ void field_destroy(Field *field);
 FieldRadiance field_gather(const Field *field, const FieldSegment *segment);
 
 uint64_t field_bytes(const Field *field);
-uint64_t field_sample_count(const Field *field); /* volume samples or tubes */
+uint64_t field_sample_count(const Field *field); /* volume samples, tubes, lit triangles */
 
-/* Flux that tubes take up, and light lines that left through holes: what the light pass says of
- * points. False, and nothing is written, for points. */
+/* Flux that tubes or lit triangles take up, and light lines that left through holes: what the light
+ * pass says of points. False, and nothing is written, for points. */
 bool field_tally(const Field *field, LightTally *out_tally, uint64_t *out_leak_count);
 
 #endif

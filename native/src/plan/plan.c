@@ -13,7 +13,7 @@ const char *plan_estimator_name(uint32_t estimator) {
 }
 
 AmbStatus plan_check(const AmbRenderParams *params) {
-    if (params->estimator > AMB_ESTIMATOR_TUBES)
+    if (params->estimator > AMB_ESTIMATOR_SPECULAR)
         return status_fail(AMB_UNSUPPORTED, "estimator %s is not available in this version",
                            plan_estimator_name(params->estimator));
     if ((params->effects & AMB_EFFECT_DOUBLE_SCATTERING) != 0 ||
@@ -167,7 +167,7 @@ static PlanEffect plan_world(const AmbScene *scene) {
     return skipped(name, "not available in this version: it is seen, but does not scatter");
 }
 
-/* What TUBES cannot do. */
+/* What TUBES and SPECULAR cannot do: both refract each light at the mesh's own triangles, once. */
 typedef struct Obstacle {
     const char *reason; /* one phrase, static storage; NULL: there is none */
     const char *name;   /* of what stands in the way, "" for nothing in particular */
@@ -213,7 +213,7 @@ static bool is_nested(const AmbScene *scene, uint32_t o) {
     return false;
 }
 
-static Obstacle tubes_obstacle(const AmbScene *scene, const PlanEffect *light_bounces) {
+static Obstacle triangles_obstacle(const AmbScene *scene, const PlanEffect *light_bounces) {
     if (light_bounces->is_simulated)
         return (Obstacle){"light_bounces is not 0", ""};
     const Obstacle obstacle = light_obstacle(scene);
@@ -236,19 +236,20 @@ static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *pa
         plan->estimator_reason = "nothing scatters";
         return AMB_OK;
     }
-    if (plan->estimator != AMB_ESTIMATOR_AUTO && plan->estimator != AMB_ESTIMATOR_TUBES)
+    if (plan->estimator == AMB_ESTIMATOR_POINTS_FIXED ||
+        plan->estimator == AMB_ESTIMATOR_POINTS_COVARIANCE)
         return AMB_OK;
-    const Obstacle obstacle = tubes_obstacle(scene, &plan->effects[PLAN_LIGHT_BOUNCES]);
-    if (plan->estimator == AMB_ESTIMATOR_TUBES) {
+    const Obstacle obstacle = triangles_obstacle(scene, &plan->effects[PLAN_LIGHT_BOUNCES]);
+    if (plan->estimator != AMB_ESTIMATOR_AUTO) {
         PlanEffect *transmitted = &plan->effects[PLAN_TRANSMITTED_LIGHT];
         if (transmitted->is_simulated)
-            *transmitted = skipped(transmitted->name, "tubes end where light leaves its object");
+            *transmitted = skipped(transmitted->name, "its light ends where it leaves its object");
         if (obstacle.reason == NULL)
             return AMB_OK;
         const bool is_named = obstacle.name[0] != '\0';
-        return status_fail(AMB_UNSUPPORTED, "estimator TUBES cannot render this: %s%s%.60s%s",
-                           obstacle.reason, is_named ? " (\"" : "", obstacle.name,
-                           is_named ? "\")" : "");
+        return status_fail(AMB_UNSUPPORTED, "estimator %s cannot render this: %s%s%.60s%s",
+                           plan_estimator_name(plan->estimator), obstacle.reason,
+                           is_named ? " (\"" : "", obstacle.name, is_named ? "\")" : "");
     }
     plan->estimator = AMB_ESTIMATOR_TUBES;
     plan->estimator_reason = "lamps without extent outside of all objects";

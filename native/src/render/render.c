@@ -173,8 +173,9 @@ static AmbStatus run_stages(AmbRender *render) {
     Field *field = NULL;
     if (render->plan.effects[PLAN_SINGLE_SCATTERING].is_simulated) {
         LightField light = {.object_count = 0};
-        /* Tubes are the mesh's own triangles: no light ray is traced for them. */
-        if (render->plan.estimator != AMB_ESTIMATOR_TUBES)
+        /* The others refract at the mesh's own triangles: no light ray is traced for them. */
+        if (render->plan.estimator == AMB_ESTIMATOR_POINTS_FIXED ||
+            render->plan.estimator == AMB_ESTIMATOR_POINTS_COVARIANCE)
             AMB_TRY(run_light(render, &light));
         const AmbStatus status = run_field(render, &light, &field);
         light_field_clear(&light);
