@@ -18,7 +18,9 @@ bl_info = {
 }
 
 # Registered in this order, unregistered in the reverse one.
-MODULES = ("properties", "operators", "engine", "ui")
+MODULES = (
+    "properties", "properties_cost", "operators", "operators_cost", "engine", "ui", "ui_cost",
+)  # fmt: skip
 
 
 def _modules() -> list:  # type: ignore[type-arg]

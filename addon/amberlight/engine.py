@@ -12,6 +12,7 @@ import json
 import logging
 import os
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,10 @@ from .export.conventions import border_rectangle
 from .export.export_log import ExportLog
 from .export.extract import extract_scene
 from .export.extract_camera import resolution
+from .export.scene_data import SceneData
 from .passes import COMBINED, PASSES, Pass
 from .properties import read_settings
-from .render_job import Frame, RenderJob, render_params
+from .render_job import Frame, RenderJob, Settings, render_params
 from .viewport import Viewport
 
 log = logging.getLogger("amberlight")
@@ -42,6 +44,49 @@ DISPLAY_SECONDS = 1.0
 DISPLAY_INTERVAL = 10.0
 # Seconds between texts of one stage: a background Blender prints a line for each.
 STATS_SECONDS = 0.5
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What a final render begins with."""
+
+    data: SceneData
+    settings: Settings
+    frame: Frame
+    messages: ExportLog
+
+
+# Where a list stands here, the next final render is put into it and not rendered.
+_wanted: list[Exported] | None = None
+# What would crop a picture, or do more than render it.
+CAPTURE_OFF = ("use_border", "use_compositing", "use_sequencer")
+
+
+def export_for_render(scene: Any, layer: str) -> Exported:
+    """The scene as F12 sees it: only a render evaluates it so. The picture of an earlier render
+    stays in its slot; RuntimeError with Blender's or our own words where nothing can be rendered.
+    """
+    global _wanted
+    kept = {name: getattr(scene.render, name) for name in CAPTURE_OFF}
+    result = next((image for image in bpy.data.images if image.type == "RENDER_RESULT"), None)
+    slots = result.render_slots if result else ()
+    active = slots.active_index if result else 0
+    _wanted = found = []
+    try:
+        for name in CAPTURE_OFF:
+            setattr(scene.render, name, False)
+        if len(slots) > 1:
+            slots.active_index = len(slots) - (2 if active == len(slots) - 1 else 1)
+        bpy.ops.render.render(scene=scene.name, layer=layer)
+    finally:
+        _wanted = None
+        for name, value in kept.items():
+            setattr(scene.render, name, value)
+        if len(slots) > 1:
+            slots.active_index = active
+    if not found:
+        raise RuntimeError("Blender did not render the scene")
+    return found[0]
 
 
 class AmberlightRenderEngine(bpy.types.RenderEngine):
@@ -103,6 +148,10 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
         if scene.render.use_multiview:
             messages.warn(f'scene "{scene.name}"', "stereoscopy is ignored")
         frame = self.frame(scene)
+        if _wanted is not None and not self.is_preview:
+            _wanted.append(Exported(data, settings, frame, messages))
+            self.end_result(self.begin_result(0, 0, frame.width, frame.height, layer=layer))
+            return
         params = render_params(settings, frame, messages)
         with RenderJob(loaded, data, params) as job:
             del data  # The library has its own copy.

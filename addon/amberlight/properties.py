@@ -85,9 +85,9 @@ class AmberlightSceneSettings(bpy.types.PropertyGroup):
     )
     tube_refinement: IntProperty(
         name="Tube Refinement",
-        description="Tubes for each triangle: 0, 1, 2 = one, 4, 16",
+        description="Tubes for each triangle: 0, 1, 2, 3, 4 = one, 4, 16, 64, 256",
         min=0,
-        max=2,
+        max=4,
         default=DEFAULT.tube_refinement,
     )
     effects: EnumProperty(

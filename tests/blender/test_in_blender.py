@@ -2,6 +2,7 @@
 """Starts Blender: for the tests in `inside`, and for what only a whole process shows (exit codes,
 signals, a crash). AMBERLIGHT_BLENDER names another Blender."""
 
+import importlib.util
 import os
 import re
 import shutil
@@ -195,12 +196,12 @@ def real_library():
     return Path(override or ROOT / "addon" / "amberlight" / "lib" / "libamberlight.so")
 
 
-def test_window(start, fake_library):
-    """Viewport, panels and F12 in a Blender with a window."""
+def run_in_window(start, fake_library, script, *arguments):
+    """(exit code, output) of a Blender with a window."""
     if shutil.which("xvfb-run") is None:
         pytest.skip("no xvfb-run")
     process = start(
-        "--python", HERE / "window_script.py", library=fake_library, background=False,
+        *arguments, "--python", HERE / script, library=fake_library, background=False,
         wrap=["xvfb-run", "-a", "-s", "-screen 0 1280x1024x24"],
     )  # fmt: skip
     try:
@@ -208,8 +209,30 @@ def test_window(start, fake_library):
     except subprocess.TimeoutExpired:
         process.terminate()
         output, _ = process.communicate()
+    return process.returncode, output
+
+
+def test_window(start, fake_library):
+    """Viewport, panels and F12 in a Blender with a window."""
+    code, output = run_in_window(start, fake_library, "window_script.py")
     for line in ("first", "moved", "changed", "orthographic", "renders 1", "the end"):
         assert f"SAW {line}\n" in output, output
     # A panel that fails to draw says so here.
     assert "addons/amberlight" not in output and "rna_uiItemR" not in output, output
-    assert process.returncode == 0, output
+    assert code == 0, output
+
+
+def test_cost_in_a_window(start, fake_library):
+    """The operator runs beside the user interface, stops at Esc, and shows its picture."""
+    code, output = run_in_window(
+        start, fake_library, "window_cost_script.py", "--enable-event-simulate"
+    )
+    for line in (
+        "started {'RUNNING_MODAL'}", "running True", "stopped with 0 rows", "rows True",
+        "ticks True", "applied POINTS_FIXED", "the end",
+    ):  # fmt: skip
+        assert f"SAW {line}\n" in output, output
+    if importlib.util.find_spec("matplotlib"):
+        assert "SAW picture ['cost.png']\n" in output or "no matplotlib" in output, output
+    assert "addons/amberlight" not in output and "rna_uiItemR" not in output, output
+    assert code == 0, output

@@ -42,6 +42,39 @@ def test_cross_mse_cancels_the_noise_of_the_references() -> None:
     assert metrics.cross_mse(image, first, second) == pytest.approx(0.0025, abs=6e-4)
 
 
+def test_peak_is_the_highest_in_ten_thousand() -> None:
+    reference = np.zeros((200, 200, 1))
+    image = reference.copy()
+    # 4 of 40000 values may lie above the percentile: five fireflies reach it, four do not.
+    image.ravel()[:4] = 100
+    assert metrics.peak(image, reference) == pytest.approx(0.01, abs=0.02)
+    image.ravel()[:6] = 100
+    assert metrics.peak(image, reference) == 100
+
+
+def test_all_errors_against_one_reference() -> None:
+    reference = np.full(SHAPE, 2.0)
+    found = metrics.errors(reference + 0.2, [reference])
+    assert found.mse == pytest.approx(0.04)
+    assert found.rel_rmse == pytest.approx(0.1)
+    assert found.floored_rel == pytest.approx(0.2 / 2.1)
+    assert found.mean_ratio == pytest.approx([1.1] * 3)
+    assert found.peak == pytest.approx(0.2)
+
+
+def test_all_errors_against_two_noisy_references() -> None:
+    rng = np.random.default_rng(3)
+    truth = np.full((256, 256, 3), 2.0)
+    noisy = [truth + rng.normal(0, 0.1, truth.shape) for _ in range(2)]
+    found = metrics.errors(truth + 0.2, noisy)
+    assert found.mse == pytest.approx(0.04, rel=0.05)
+    assert found.rel_rmse == pytest.approx(0.1, rel=0.03)
+    # Its weights are as noisy as the references, which adds a little.
+    assert found.floored_rel == pytest.approx(0.2 / 2.1, rel=0.05)
+    # Less than nothing: between the two references there is no error to be seen.
+    assert np.isnan(metrics.errors((noisy[0] + noisy[1]) / 2, noisy).rel_rmse)
+
+
 def test_box_down() -> None:
     image = np.arange(16.0).reshape(4, 4, 1)
     assert metrics.box_down(image, 2)[..., 0].tolist() == [[2.5, 4.5], [10.5, 12.5]]

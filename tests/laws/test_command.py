@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """./amberlight does what its help and README.md say."""
 
+import csv
 import json
 import subprocess
 import zipfile
@@ -25,7 +26,7 @@ def complaint(result: subprocess.CompletedProcess) -> str:
 
 def test_help_names_every_action() -> None:
     said = amberlight("help").stdout
-    for action in ("render", "blender", "build", "test", "lint", "package"):
+    for action in ("render", "cost", "blender", "build", "test", "lint", "package"):
         assert f"\n  {action} " in said
 
 
@@ -38,6 +39,8 @@ def test_help_names_every_action() -> None:
         (["render", "a.blend", "b.blend"], "one .blend at a time"),
         (["render", "-x"], "unknown option -x"),
         (["render", "-o"], "-o needs a directory"),
+        (["cost"], "cost: which .blend?"),
+        (["cost", "-x"], "cost: unknown option -x"),
     ],
 )
 def test_wrong_use_is_one_sentence(arguments: list[str], expected: str) -> None:
@@ -60,6 +63,42 @@ def test_render_writes_picture_passes_and_report(tmp_path: Path) -> None:
     assert (report["width"], report["height"], report["samples"]) == (30, 30, 1)
     for said in ("simulated", "skipped", "memory", "wrote pictures/sphere.png"):
         assert said in result.stdout
+
+
+def test_cost_writes_tables_figure_and_images(tmp_path: Path) -> None:
+    scene = str(ROOT / "scenes_blend" / "sphere.blend")
+    quick = ["size=16", "samples=1", "time_limit=6", "repeats=1"]
+    result = amberlight("cost", scene, "-o", "cost", *quick, cwd=tmp_path)
+    assert result.returncode == 0, result.stdout + result.stderr
+    folder = tmp_path / "cost"
+    names = ["csv", "md", "png", *("reference", "points_fixed", "points_covariance", "tubes")]
+    files = [folder / (f"cost.{n}" if len(n) < 4 else f"cost_{n}.exr") for n in names]
+    assert sorted(folder.iterdir()) == sorted(files)
+    assert (folder / "cost.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    with (folder / "cost.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    for estimator in ("POINTS_FIXED", "POINTS_COVARIANCE", "TUBES"):
+        found = [row for row in rows if row["estimator"] == estimator and row["role"] == "row"]
+        assert found and all(0 < float(row["rel_rmse"]) < 1 for row in found)
+        assert all(float(row["total_cpu_s"]) > 0 for row in found)
+    assert (folder / "cost.md").read_text() in result.stdout
+    assert "wrote cost/cost.png" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("light_samples=4", "light_samples: the sweep sets it; there are equal_error, "),
+        ("size=-1", "size=-1: not between 0 and "),
+        ("reference=no.npy", "the reference cannot be read"),
+        ("sampels=4", "unknown setting sampels"),
+    ],
+)
+def test_wrong_setting_of_cost_is_one_sentence(tmp_path: Path, setting: str, expected: str) -> None:
+    scene = str(ROOT / "scenes_blend" / "slab.blend")
+    result = amberlight("cost", scene, "-o", str(tmp_path / "out"), setting)
+    assert expected in complaint(result)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
