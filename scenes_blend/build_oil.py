@@ -8,9 +8,10 @@ it. This engine's rule for overlaps is that a path is in the medium that it ente
 - on the way out it meets the inner side of the wall: oil to glass there, and the end of the oil
   behind it changes nothing.
 
-Both are the one boundary between glass and oil that there should be, apart by the overlap. A gap
-instead would be a film of air, which reflects all of the light that is oblique enough; faces that
-coincide would be a matter of rounding.
+Both are the one boundary between glass and oil that there should be, apart by the overlap: with
+half of it the light that scatters is 0.2 % more. A gap instead is a film of air, which reflects
+all of the light that is oblique enough (one of 0.01 takes 24 %), and faces that coincide are a
+matter of rounding (2.5 %, and spots).
 """
 
 import sys
