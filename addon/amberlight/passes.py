@@ -23,6 +23,7 @@ PASSES = (
     Pass("Single Scattering", 3, "RGB",  "COLOR", False),
     Pass("Surface",           3, "RGB",  "COLOR", False),
     Pass("Frequency",         1, "X",    "VALUE", False),
+    Pass("Error",             1, "X",    "VALUE", False),
 )
 # fmt: on
 COMBINED = PASSES[0]

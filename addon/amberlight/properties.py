@@ -56,16 +56,21 @@ class AmberlightSceneSettings(bpy.types.PropertyGroup):
     )
     samples: IntProperty(
         name="Samples",
-        description="Camera samples for each pixel",
+        description="Camera samples for each pixel; without effect where an accuracy is set",
         min=1,
         soft_max=1024,
         default=DEFAULT.samples,
     )
     accuracy: FloatProperty(
         name="Accuracy",
-        description="Relative error to stop at; 0 = fixed budget (not available in this version)",
+        description="Relative error of the translucent objects to stop at, 0.01 = 1 %: camera "
+        "samples go where the picture needs them, and the light field is made fine enough; 0 = "
+        "fixed number of samples",
         min=0.0,
         max=1.0,
+        soft_max=0.1,
+        step=0.1,
+        precision=4,
         default=DEFAULT.accuracy,
     )
     light_samples: IntProperty(

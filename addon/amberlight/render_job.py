@@ -35,7 +35,6 @@ EFFECTS = {
 MISSING_SETTINGS = {
     "use_double_scattering": "double scattering",
     "use_multiple_scattering": "multiple scattering",
-    "accuracy": "accuracy",
 }
 
 # Seconds between looks at a running render: well inside the 0.2 s that a cancel may take.
@@ -65,11 +64,12 @@ class Settings:
     seed: int = 0
 
     def limited(self, samples: int, light_samples: int) -> Settings:
-        """With at most these budgets: for previews."""
+        """With at most these budgets, and no target beyond them: for previews."""
         return replace(
             self,
             samples=min(self.samples, samples),
             light_samples=min(self.light_samples, light_samples),
+            accuracy=0.0,
         )
 
 
@@ -95,9 +95,9 @@ def effect_bits(settings: Settings) -> int:
 
 def ignored_settings(settings: Settings) -> list[str]:
     """What is switched on but does not exist yet, in words."""
-    names = ["accuracy"] if settings.accuracy > 0.0 else []
+    names = []
     if settings.effects == "MANUAL":
-        names += [n for n, (_, exists) in EFFECTS.items() if not exists and getattr(settings, n)]
+        names = [n for n, (_, exists) in EFFECTS.items() if not exists and getattr(settings, n)]
     return [MISSING_SETTINGS[name] for name in names]
 
 
@@ -125,6 +125,7 @@ def render_params(settings: Settings, frame: Frame, log: ExportLog) -> dict[str,
         "threads": frame.threads,
         "film_transparent": int(frame.film_transparent),
         "tube_refinement": settings.tube_refinement,
+        "accuracy": settings.accuracy,
     }
 
 

@@ -38,6 +38,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             f"{report['width']}x{report['height']}, {report.get('samples', '?')} samples, "
             f"estimator {report.get('estimator', '?')}"
         )
+    lines += accuracy_lines(report.get("accuracy", {}))
     for effect in report.get("effects", ()):
         name = str(effect["name"]).replace("_", " ")
         done = "simulated" if effect["simulated"] else "skipped"
@@ -59,6 +60,30 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             else f"light: {light['rays']} rays, {light.get('volume_samples', 0)} volume samples"
         )
     return lines
+
+
+def percent(value: float) -> str:
+    return f"{100 * value:.2g} %"
+
+
+def accuracy_lines(accuracy: dict[str, Any]) -> list[str]:
+    """The error that the render states of itself, and what keeps it above its target."""
+    parts = [
+        f"{name} {percent(accuracy[key])}"
+        for key, name in (("noise", "noise"), ("field", "light field"))
+        if accuracy.get(key) is not None
+    ]
+    if not parts:
+        return []
+    if accuracy.get("stated") is None:
+        return [f"error: {', '.join(parts)}; of the light field not estimated"]
+    line = f"error: {percent(accuracy['stated'])}"
+    if accuracy.get("target"):
+        line += f" of {percent(accuracy['target'])}"
+    line += f" ({', '.join(parts)})"
+    if accuracy.get("reached") is False:
+        line += f", target not reached; {accuracy['limit']}"
+    return [line]
 
 
 def joined_warning(lines: Iterable[str]) -> str:

@@ -64,11 +64,12 @@ class AMBERLIGHT_RENDER_PT_sampling(_Panel, bpy.types.Panel):
     def draw(self, context: Any) -> None:
         settings = context.scene.amberlight
         col = self.column(self.layout)
-        col.prop(settings, "samples")
-        col.prop(settings, "light_samples")
         col.prop(settings, "accuracy")
+        sub = col.column()
+        sub.active = settings.accuracy == 0.0
+        sub.prop(settings, "samples")
+        col.prop(settings, "light_samples")
         col.prop(settings, "seed")
-        warn_of_ignored(col, context.scene, {"accuracy"})
 
 
 class AMBERLIGHT_RENDER_PT_estimator(_Panel, bpy.types.Panel):

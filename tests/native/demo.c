@@ -110,9 +110,9 @@ AmbScene *demo_scene(const Demo *demo) {
     return scene;
 }
 
-const char *const PASS_NAMES[PASS_COUNT] = {"Combined", "Depth", "Single Scattering", "Surface",
-                                            "Frequency"};
-const uint32_t PASS_CHANNELS[PASS_COUNT] = {4, 1, 3, 3, 1};
+const char *const PASS_NAMES[PASS_COUNT] = {"Combined", "Depth",     "Single Scattering",
+                                            "Surface",  "Frequency", "Error"};
+const uint32_t PASS_CHANNELS[PASS_COUNT] = {4, 1, 3, 3, 1, 1};
 
 uint64_t picture_floats(const Picture *picture, int pass) {
     return (uint64_t)picture->width * picture->height * PASS_CHANNELS[pass];

@@ -27,7 +27,15 @@ void demo_free(Demo *demo);
 /* The scene up to but not including its commit. */
 AmbScene *demo_scene(const Demo *demo);
 
-enum { PASS_COMBINED, PASS_DEPTH, PASS_SINGLE, PASS_SURFACE, PASS_FREQUENCY, PASS_COUNT };
+enum {
+    PASS_COMBINED,
+    PASS_DEPTH,
+    PASS_SINGLE,
+    PASS_SURFACE,
+    PASS_FREQUENCY,
+    PASS_ERROR,
+    PASS_COUNT
+};
 extern const char *const PASS_NAMES[PASS_COUNT];
 extern const uint32_t PASS_CHANNELS[PASS_COUNT];
 

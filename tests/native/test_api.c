@@ -566,10 +566,12 @@ static void crop_is_a_part_of_the_whole(void) {
     int wrong = 0;
     for (int p = 0; p < PASS_COUNT && part.passes[p] != NULL; ++p) {
         const uint32_t c = PASS_CHANNELS[p];
-        for (uint32_t y = 0; y < 13; ++y)
-            wrong += memcmp(part.passes[p] + (uint64_t)y * 9 * c,
-                            whole.passes[p] + ((uint64_t)(y + 3) * 16 + 5) * c,
-                            9 * c * sizeof(float)) != 0;
+        /* A pixel shares its error with its neighbours, which the crop's edge lacks. */
+        const uint32_t edge = p == PASS_ERROR ? 2 : 0;
+        for (uint32_t y = edge; y < 13 - edge; ++y)
+            wrong += memcmp(part.passes[p] + ((uint64_t)y * 9 + edge) * c,
+                            whole.passes[p] + ((uint64_t)(y + 3) * 16 + 5 + edge) * c,
+                            (9 - 2 * edge) * c * sizeof(float)) != 0;
     }
     ENSURE(wrong == 0);
     picture_free(&part);
@@ -879,8 +881,11 @@ static void memory_failing_anywhere_is_an_error(void) {
     temporary_path(path, "memory.exr");
     snprintf(part, sizeof part, "%s.part", path);
     demo.params.light_samples = 40000; /* several chunks of light rays */
-    for (uint32_t threads = 1; threads <= 2; ++threads) {
-        demo.params.threads = threads;
+    for (uint32_t run = 0; run < 3; ++run) {
+        demo.params.threads = 1 + run % 2;
+        /* At last under a target, of points: what builds most. */
+        demo.params.accuracy = run == 2 ? 0.5f : 0.0f;
+        demo.params.estimator = run == 2 ? AMB_ESTIMATOR_POINTS_COVARIANCE : AMB_ESTIMATOR_AUTO;
         int n = 0, successes = 0;
         for (; successes < 5 && n < 1000; ++n) {
             remove(path);
@@ -961,6 +966,8 @@ static const char *skip_json(const char *p) {
         return p + 4;
     if (strncmp(p, "false", 5) == 0)
         return p + 5;
+    if (strncmp(p, "null", 4) == 0)
+        return p + 4;
     char *end;
     const double value = strtod(p, &end); /* accepts nan and inf, which JSON does not */
     return end != p && isfinite(value) ? end : NULL;
@@ -969,8 +976,9 @@ static const char *skip_json(const char *p) {
 static void check_report(const char *report) {
     const char *end = skip_json(report);
     ENSURE(end != NULL && *skip_space(end) == '\0');
-    static const char *const keys[] = {"version", "estimator", "samples", "threads",  "effects",
-                                       "stages",  "memory",    "light",   "warnings", "nonfinite"};
+    static const char *const keys[] = {"version",  "estimator", "samples",  "threads",
+                                       "effects",  "stages",    "memory",   "light",
+                                       "accuracy", "warnings",  "nonfinite"};
     for (size_t i = 0; i < sizeof keys / sizeof keys[0]; ++i) {
         char key[32];
         snprintf(key, sizeof key, "\"%s\":", keys[i]);
@@ -1067,7 +1075,7 @@ static void file_reads_back(void) {
                EXR_ERR_SUCCESS);
         if (text != NULL)
             check_report(text);
-        static const char *const letters[PASS_COUNT] = {"RGBA", "Z", "RGB", "RGB", "X"};
+        static const char *const letters[PASS_COUNT] = {"RGBA", "Z", "RGB", "RGB", "X", "X"};
         for (int p = 0; p < PASS_COUNT; ++p) {
             static float pass[WIDTH * HEIGHT * 4], channel[WIDTH * HEIGHT];
             const uint32_t n = PASS_CHANNELS[p];

@@ -22,7 +22,9 @@ def effects(**settings):
 
 def test_params_are_fields_of_the_struct():
     names = {field[0] for field in _ffi.AmbRenderParams._fields_}
-    assert set(render_params(Settings(), Frame(4, 4), ExportLog())) == names - {"struct_size"}
+    params = render_params(Settings(accuracy=0.25), Frame(4, 4), ExportLog())
+    assert set(params) == names - {"struct_size", "reserved"}
+    assert params["accuracy"] == 0.25
 
 
 def test_automatic_effects():
@@ -34,11 +36,10 @@ def test_automatic_effects():
 def test_manual_effects():
     assert effects(effects="MANUAL", use_background=False)[0] == SINGLE | SURFACE | TRANSMITTED
     bits, lines = effects(
-        effects="MANUAL", use_double_scattering=True, use_multiple_scattering=True, accuracy=0.1
+        effects="MANUAL", use_double_scattering=True, use_multiple_scattering=True
     )
     assert bits == SINGLE | SURFACE | BACKGROUND | TRANSMITTED
     assert lines == [
-        "accuracy is not available in this version, ignored",
         "double scattering is not available in this version, ignored",
         "multiple scattering is not available in this version, ignored",
     ]
@@ -49,8 +50,8 @@ def test_defaults_ignore_nothing():
 
 
 def test_preview_budget():
-    limited = Settings(samples=100, light_samples=10).limited(4, 1000)
-    assert (limited.samples, limited.light_samples) == (4, 10)
+    limited = Settings(samples=100, light_samples=10, accuracy=0.01).limited(4, 1000)
+    assert (limited.samples, limited.light_samples, limited.accuracy) == (4, 10, 0.0)
 
 
 def test_passes():
@@ -96,6 +97,30 @@ def test_summary():
     assert reports.summary_lines(report)[-1] == "light: 7 tubes"
     assert reports.warning_lines(report) == ["open mesh (3 times)"]
     assert reports.summary_lines({}) == reports.warning_lines({}) == []
+
+
+@pytest.mark.parametrize(
+    ("accuracy", "want"),
+    [
+        ({"target": 0, "stated": None, "noise": None, "field": None}, []),
+        (
+            {"target": 0, "stated": None, "noise": 0.0123, "field": None},
+            ["error: noise 1.2 %; of the light field not estimated"],
+        ),
+        (
+            {"target": 0.01, "stated": 0.0094, "noise": 0.009, "field": 0.0027, "reached": True},
+            ["error: 0.94 % of 1 % (noise 0.9 %, light field 0.27 %)"],
+        ),
+        (
+            {"target": 0.001, "stated": 0.004, "noise": 0.002, "field": 0.0035, "reached": False,
+             "limit": "light field: no more"},
+            ["error: 0.4 % of 0.1 % (noise 0.2 %, light field 0.35 %), target not reached; "
+             "light field: no more"],
+        ),
+    ],
+)  # fmt: skip
+def test_accuracy_lines(accuracy, want):
+    assert reports.summary_lines({"accuracy": accuracy}) == want
 
 
 def test_joined_warning():

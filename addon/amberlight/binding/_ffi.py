@@ -21,7 +21,7 @@ from ctypes import (
 )
 from typing import Any
 
-AMB_ABI_VERSION = 2
+AMB_ABI_VERSION = 3
 AMB_VERSION_STRING = "0.1.0"
 
 # ---- Status --------------------------------------------------------------------------------------
@@ -207,6 +207,8 @@ class AmbRenderParams(Structure):
         ("threads", c_uint32),
         ("film_transparent", c_uint32),
         ("tube_refinement", c_uint32),
+        ("accuracy", c_float),
+        ("reserved", c_uint32),
     ]
 
 
@@ -226,6 +228,8 @@ class AmbProgress(Structure):
         ("reserved", c_uint32),
         ("stage", c_char * 32),
         ("detail", c_char * 96),
+        ("error", c_float),
+        ("remaining", c_float),
     ]
 
 

@@ -42,7 +42,9 @@ def import_numpy() -> Any:
 
 @dataclass(frozen=True)
 class Progress:
-    """State of a render: `fraction` in [0,1], `elapsed` seconds, camera samples per pixel done."""
+    """State of a render: `fraction` in [0,1], `elapsed` seconds, camera samples per pixel done,
+    the relative `error` as it is stated so far (0: not estimated), seconds that `remain` (< 0:
+    unknown)."""
 
     state: int
     fraction: float
@@ -50,6 +52,8 @@ class Progress:
     samples_done: int
     stage: str
     detail: str
+    error: float = 0.0
+    remaining: float = -1.0
 
 
 class _Handle:
@@ -242,6 +246,8 @@ class Render(_Handle):
             info.samples_done,
             info.stage.decode("utf-8", "replace"),
             info.detail.decode("utf-8", "replace"),
+            info.error,
+            info.remaining,
         )
 
     def wait(self, timeout: float = -1.0) -> bool:

@@ -42,7 +42,7 @@ extern "C" {
 #endif
 
 /* Bumped when the layout of a struct or the meaning of a function changes. */
-#define AMB_ABI_VERSION 2
+#define AMB_ABI_VERSION 3
 #define AMB_VERSION_STRING "0.1.0"
 
 /* ---- Status ---------------------------------------------------------------------------------- */
@@ -288,6 +288,11 @@ typedef struct AmbRenderParams {
     uint32_t film_transparent; /* 1: the world seen directly has alpha 0 and no radiance */
     uint32_t tube_refinement;  /* TUBES: each triangle is halved so many times along its edges,
                                 * 0, 1, 2 .. 4 = 1, 4, 16 .. 256 tubes and more where it must */
+    float accuracy;            /* > 0: target of the relative error of the picture (rel_rmse of
+                                * docs/accuracy.md). samples is then without effect, tube_refinement is where
+                                * the search for fine enough tubes begins, light_samples is in the midst of
+                                * where that for volume samples may end. 0: fixed budgets */
+    uint32_t reserved;
 } AmbRenderParams;
 
 AMB_API void amb_render_params_init(AmbRenderParams *params);
@@ -313,6 +318,8 @@ typedef struct AmbProgress {
     uint32_t reserved;
     char stage[32];  /* "scene", "light", "field", "camera", "done" */
     char detail[96]; /* one line for a status bar */
+    float error;     /* relative, as the render states it so far; 0: not estimated */
+    float remaining; /* seconds, about; < 0: unknown */
 } AmbProgress;
 
 AMB_API void amb_progress_init(AmbProgress *progress);
@@ -329,8 +336,10 @@ AMB_API AmbStatus amb_render_wait(AmbRender *render, double timeout, int32_t *ou
 
 /* Passes: "Combined" (RGBA, alpha premultiplied), "Depth" (1: distance along the view axis, m;
  * 1e10 where nothing is seen), "Single Scattering" (RGB), "Surface" (RGB; everything that did not
- * scatter in a medium), "Frequency" (1: mean frequency factor of the gathered samples, [0,1]).
- * Combined RGB = Single Scattering + Surface. */
+ * scatter in a medium), "Frequency" (1: mean frequency factor of the gathered samples, [0,1]),
+ * "Error" (1: standard error of Combined RGB as the render states it, mean of channels, W m^-2
+ * sr^-1; under a target accuracy of noise and light field, after each round; else of the noise, at
+ * the end, and 0 with one sample). Combined RGB = Single Scattering + Surface. */
 AMB_API AmbStatus amb_render_pass_channels(AmbRender *render, const char *name,
                                            uint32_t *out_channels);
 

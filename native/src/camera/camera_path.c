@@ -184,6 +184,7 @@ static void follow(Walker *walker, Branch branch) {
         out->depth = hit.t;
     const SurfacePoint surface = scene_surface(scene, &hit);
     if (surface.material->surface == AMB_SURFACE_DIELECTRIC) {
+        out->is_object = out->is_object || branch.depth == 0;
         follow_boundary(walker, &branch, &surface);
         return;
     }
@@ -194,9 +195,11 @@ static void follow(Walker *walker, Branch branch) {
 CameraSample camera_sample(const AmbScene *scene, const Field *field, const CameraParams *params,
                            uint32_t x, uint32_t y, uint32_t index) {
     const uint64_t pixel = (uint64_t)y * params->width + x;
-    /* One low-discrepancy sequence, turned for each pixel, covers its area. */
+    /* A low-discrepancy sequence, turned for each pixel and replica, covers its area. */
     const Rng pixel_rng = rng_create(params->seed, RNG_STAGE_CAMERA, pixel);
-    const Sample2 jitter = sample_r2(index, rng_float(pixel_rng, 0), rng_float(pixel_rng, 1));
+    const uint32_t replica = index % params->replicas;
+    const Sample2 jitter = sample_r2(index / params->replicas, rng_float(pixel_rng, 2 * replica),
+                                     rng_float(pixel_rng, 2 * replica + 1));
     CameraSample sample = {.alpha = 1.0f, .depth = CAMERA_DEPTH_NONE};
     Walker walker = {.scene = scene,
                      .field = field,

@@ -12,6 +12,8 @@ typedef struct CameraParams {
     uint32_t seed;
     bool film_transparent;
     bool may_start_inside; /* a translucent object is near where camera rays begin */
+    uint32_t replicas;     /* independent sequences that cover a pixel in turn, >= 1: one is more
+                            * even, and between two the difference tells the error of their mean */
 } CameraParams;
 
 typedef struct CameraSample {
@@ -22,6 +24,7 @@ typedef struct CameraSample {
     float frequency;     /* sum of contribution * frequency factor */
     float contribution;  /* sum of contributions (mean of channels) */
     uint32_t leak_count; /* segments that left an object through a hole of its mesh */
+    bool is_object;      /* the primary ray hits a translucent object */
 } CameraSample;
 
 #define CAMERA_DEPTH_NONE 1e10f

@@ -6,7 +6,7 @@
 
 #include "base/memory.h"
 
-enum { PASS_COMBINED, PASS_DEPTH, PASS_SINGLE, PASS_SURFACE, PASS_FREQUENCY };
+enum { PASS_COMBINED, PASS_DEPTH, PASS_SINGLE, PASS_SURFACE, PASS_FREQUENCY, PASS_ERROR };
 
 const FilmPass FILM_PASSES[FILM_PASS_COUNT] = {
     [PASS_COMBINED] = {"Combined", 4, {"R", "G", "B", "A"}},
@@ -14,14 +14,20 @@ const FilmPass FILM_PASSES[FILM_PASS_COUNT] = {
     [PASS_SINGLE] = {"Single Scattering", 3, {"R", "G", "B"}},
     [PASS_SURFACE] = {"Surface", 3, {"R", "G", "B"}},
     [PASS_FREQUENCY] = {"Frequency", 1, {"X"}},
+    [PASS_ERROR] = {"Error", 1, {"X"}},
 };
 
 AmbStatus film_create(uint32_t width, uint32_t height, Film *out_film) {
     memset(out_film, 0, sizeof *out_film);
     out_film->pixels = memory_alloc_array((uint64_t)width * height, sizeof(FilmPixel));
-    if (out_film->pixels == NULL)
+    out_film->errors = memory_alloc_array((uint64_t)width * height, sizeof(float));
+    if (out_film->pixels == NULL || out_film->errors == NULL) {
+        memory_free(out_film->pixels);
+        memory_free(out_film->errors);
+        out_film->pixels = NULL;
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for an image of %u x %u pixels", width,
                            height);
+    }
     out_film->width = width;
     out_film->height = height;
     for (int i = 0; i < FILM_LOCK_COUNT; ++i)
@@ -37,6 +43,7 @@ void film_clear(Film *film) {
     for (int i = 0; i < FILM_LOCK_COUNT; ++i)
         pthread_mutex_destroy(&film->locks[i]);
     memory_free(film->pixels);
+    memory_free(film->errors);
     film->pixels = NULL;
 }
 
@@ -51,6 +58,9 @@ void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum) {
         atomic_fetch_add(&film->nonfinite_surface, 1);
         add.surface = rgb(0, 0, 0);
     }
+    /* Refused with its parts. */
+    if (!rgb_is_finite(add.half))
+        add.half = rgb(0, 0, 0);
     const uint64_t index = (uint64_t)y * film->width + x;
     FilmPixel *pixel = &film->pixels[index];
     pthread_mutex_t *lock = &film->locks[y % FILM_LOCK_COUNT];
@@ -63,6 +73,16 @@ void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum) {
     if (pixel->count == 0)
         pixel->depth = add.depth;
     pixel->count += add.count;
+    pixel->half = rgb_add(pixel->half, add.half);
+    pixel->half_count += add.half_count;
+    pixel->object_count += add.object_count;
+    pthread_mutex_unlock(lock);
+}
+
+void film_set_error_row(Film *film, uint32_t y, const float *errors) {
+    pthread_mutex_t *lock = &film->locks[y % FILM_LOCK_COUNT];
+    pthread_mutex_lock(lock);
+    memcpy(film->errors + (uint64_t)y * film->width, errors, film->width * sizeof(float));
     pthread_mutex_unlock(lock);
 }
 
@@ -111,16 +131,21 @@ void film_read_row(Film *film, uint32_t pass, uint32_t y, float *out_row) {
     const FilmPixel *row = film->pixels + (uint64_t)y * film->width;
     pthread_mutex_t *lock = &film->locks[y % FILM_LOCK_COUNT];
     pthread_mutex_lock(lock);
-    for (uint32_t x = 0; x < film->width; ++x)
-        read_pixel(&row[x], pass, out_row + (uint64_t)x * channels);
+    if (pass == PASS_ERROR)
+        memcpy(out_row, film->errors + (uint64_t)y * film->width, film->width * sizeof(float));
+    else
+        for (uint32_t x = 0; x < film->width; ++x)
+            read_pixel(&row[x], pass, out_row + (uint64_t)x * channels);
     pthread_mutex_unlock(lock);
 }
 
 void film_zero_rows(Film *film, uint32_t begin, uint32_t end) {
     memset(film->pixels + (uint64_t)begin * film->width, 0,
            (uint64_t)(end - begin) * film->width * sizeof(FilmPixel));
+    memset(film->errors + (uint64_t)begin * film->width, 0,
+           (uint64_t)(end - begin) * film->width * sizeof(float));
 }
 
 uint64_t film_bytes(const Film *film) {
-    return (uint64_t)film->width * film->height * sizeof(FilmPixel);
+    return (uint64_t)film->width * film->height * (sizeof(FilmPixel) + sizeof(float));
 }

@@ -17,12 +17,16 @@ typedef struct FilmPixel {
     float alpha;
     float frequency, contribution;
     float depth;
-    uint32_t count; /* samples */
+    uint32_t count;        /* samples */
+    Rgb half;              /* single + surface of those samples that make the first half, */
+    uint32_t half_count;   /* and their number */
+    uint32_t object_count; /* samples whose primary ray hits a translucent object */
 } FilmPixel;
 
 typedef struct Film {
     uint32_t width, height;                 /* of the rendered rectangle, pixels */
     FilmPixel *pixels;                      /* row 0 = bottom */
+    float *errors;                          /* the Error pass, 0 until it is set */
     pthread_mutex_t locks[FILM_LOCK_COUNT]; /* by row: a reader may look while samples arrive */
     atomic_uint_least64_t nonfinite_single, nonfinite_surface; /* samples refused, by birthplace */
 } Film;
@@ -38,6 +42,9 @@ void film_zero_rows(Film *film, uint32_t begin, uint32_t end);
  * were born and left out: above zero the counts are a defect. */
 void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum);
 
+/* Sets row y of the Error pass: (width) floats. */
+void film_set_error_row(Film *film, uint32_t y, const float *errors);
+
 /* Channels of a pass, 0 if there is none of that name. */
 uint32_t film_pass_channels(const char *name);
 
@@ -47,7 +54,7 @@ void film_read_row(Film *film, uint32_t pass, uint32_t y, float *out_row);
 /* Pass number of a name, or UINT32_MAX. */
 uint32_t film_pass_find(const char *name);
 
-enum { FILM_PASS_COUNT = 5 };
+enum { FILM_PASS_COUNT = 6 };
 typedef struct FilmPass {
     const char *name;
     uint32_t channels;

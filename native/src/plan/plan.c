@@ -267,6 +267,12 @@ static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *pa
     return AMB_OK;
 }
 
+void plan_set_light_samples(Plan *plan, uint64_t samples) {
+    const uint64_t rays = samples / SAMPLES_PER_RAY;
+    plan->light.ray_count = rays > 0 ? rays : 1;
+    plan->field.sample_target = samples;
+}
+
 AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job *job,
                       Plan *out_plan) {
     Plan plan = {.estimator = params->estimator};
@@ -292,18 +298,16 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job 
     AMB_TRY(plan_estimator(scene, params, &probe, &plan));
 
     plan.light = (LightTraceParams){
-        .ray_count = params->light_samples / SAMPLES_PER_RAY > 0
-                         ? params->light_samples / SAMPLES_PER_RAY
-                         : 1,
         .bounces = effects[PLAN_LIGHT_BOUNCES].is_simulated ? params->light_bounces : 0,
         .follows_through = effects[PLAN_TRANSMITTED_LIGHT].is_simulated,
         .adjoint_normals = params->adjoint_normals != 0,
         .seed = params->seed};
     plan.field = (FieldParams){.estimator = plan.estimator,
-                               .sample_target = params->light_samples,
                                .kernel_size = params->kernel_size,
                                .tube_refinement = params->tube_refinement,
                                .adjoint_normals = params->adjoint_normals != 0};
+
+    plan_set_light_samples(&plan, params->light_samples);
 
     uint32_t camera_effects = 0;
     if (effects[PLAN_SURFACE_REFLECTION].is_simulated)
@@ -317,7 +321,8 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job 
         .bounces = effects[PLAN_CAMERA_BOUNCES].is_simulated ? params->camera_bounces : 0,
         .seed = params->seed,
         .film_transparent = params->film_transparent != 0,
-        .may_start_inside = may_start_inside(scene)};
+        .may_start_inside = may_start_inside(scene),
+        .replicas = params->accuracy > 0.0f ? 2 : 1};
     *out_plan = plan;
     return AMB_OK;
 }

@@ -41,6 +41,9 @@ AmbStatus plan_check(const AmbRenderParams *params);
 AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job *job,
                       Plan *out_plan);
 
+/* Another number of volume samples than the parameters say. */
+void plan_set_light_samples(Plan *plan, uint64_t samples);
+
 const char *plan_estimator_name(uint32_t estimator);
 
 #endif

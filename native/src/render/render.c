@@ -21,7 +21,8 @@ enum { TILE = 8, ROUND_MAX = 16 };
 typedef struct Round {
     AmbRender *render;
     const Field *field;
-    uint32_t first, count; /* samples */
+    uint32_t count;         /* samples of each pixel, */
+    const uint32_t *quotas; /* or by pixel, if not NULL */
     uint32_t tiles_x;
 } Round;
 
@@ -31,6 +32,7 @@ static void set_stage(AmbRender *render, uint32_t stage) {
     atomic_store(&render->job.work_done, 0);
     pthread_mutex_lock(&render->lock);
     render->stage = stage;
+    render->stage_start = clock_wall();
     pthread_mutex_unlock(&render->lock);
 }
 
@@ -40,21 +42,33 @@ static AmbStatus zero_rows(void *user, uint64_t begin, uint64_t end, uint32_t th
     return AMB_OK;
 }
 
-static AmbStatus render_pixel(const Round *round, uint32_t x, uint32_t y) {
+/* Two halves of a pixel's samples tell their error. Under a target they are the two replicas of
+ * its sequence, else what comes before and after the middle: the sequence is one. */
+static bool is_first_half(const AmbRender *render, uint32_t sample) {
+    return render->accuracy.target > 0.0f ? sample % 2 == 0 : sample < render->params.samples / 2;
+}
+
+static AmbStatus render_pixel(const Round *round, uint32_t x, uint32_t y, uint32_t count) {
     AmbRender *render = round->render;
-    FilmPixel sum = {.count = round->count};
-    for (uint32_t i = 0; i < round->count; ++i) {
+    const uint64_t pixel = (uint64_t)y * render->film.width + x;
+    const uint32_t first = render->film.pixels[pixel].count;
+    FilmPixel sum = {.count = count};
+    for (uint32_t i = first; i < first + count; ++i) {
         if (job_is_cancelled(&render->job))
             return AMB_CANCELLED;
-        const CameraSample sample =
-            camera_sample(render->scene, round->field, &render->plan.camera, render->crop_x + x,
-                          render->crop_y + y, round->first + i);
+        const CameraSample sample = camera_sample(render->scene, round->field, &render->plan.camera,
+                                                  render->crop_x + x, render->crop_y + y, i);
         sum.single = rgb_add(sum.single, sample.single);
         sum.surface = rgb_add(sum.surface, sample.surface);
         sum.alpha += sample.alpha;
         sum.frequency += sample.frequency;
         sum.contribution += sample.contribution;
-        if (i == 0)
+        sum.object_count += sample.is_object ? 1 : 0;
+        if (is_first_half(render, i)) {
+            sum.half = rgb_add(sum.half, rgb_add(sample.single, sample.surface));
+            ++sum.half_count;
+        }
+        if (i == first)
             sum.depth = sample.depth;
         if (sample.leak_count > 0)
             atomic_fetch_add(&render->camera_leak_count, sample.leak_count);
@@ -70,33 +84,59 @@ static AmbStatus render_tiles(void *user, uint64_t begin, uint64_t end, uint32_t
     for (uint64_t tile = begin; tile < end; ++tile) {
         const uint32_t x0 = (uint32_t)(tile % round->tiles_x) * TILE;
         const uint32_t y0 = (uint32_t)(tile / round->tiles_x) * TILE;
+        uint64_t samples = 0;
         for (uint32_t y = y0; y < y0 + TILE && y < film->height; ++y)
-            for (uint32_t x = x0; x < x0 + TILE && x < film->width; ++x)
-                AMB_TRY(render_pixel(round, x, y));
-        atomic_fetch_add(&round->render->job.work_done, round->count);
+            for (uint32_t x = x0; x < x0 + TILE && x < film->width; ++x) {
+                const uint64_t pixel = (uint64_t)y * film->width + x;
+                const uint32_t count = round->quotas != NULL ? round->quotas[pixel] : round->count;
+                if (count > 0)
+                    AMB_TRY(render_pixel(round, x, y, count));
+                samples += count;
+            }
+        atomic_fetch_add(&round->render->job.work_done, samples);
     }
     return AMB_OK;
 }
 
+static AmbStatus run_round(Round *round) {
+    const Film *film = &round->render->film;
+    round->tiles_x = (film->width + TILE - 1) / TILE;
+    const uint64_t tiles = (uint64_t)round->tiles_x * ((film->height + TILE - 1) / TILE);
+    return parallel_for(&round->render->job, tiles, 1, render_tiles, round);
+}
+
+AmbStatus render_round(AmbRender *render, const Field *field, const uint32_t *quotas) {
+    Round round = {.render = render, .field = field, .quotas = quotas};
+    return run_round(&round);
+}
+
+void render_expect(AmbRender *render, double samples) {
+    atomic_store(&render->job.work_total, (uint64_t)samples);
+}
+
 /* All pixels get a few samples, then more of them: there is soon a whole picture to look at. The
  * division into rounds depends on the number of samples alone. */
-static AmbStatus run_camera(AmbRender *render, const Field *field) {
-    const Film *film = &render->film;
-    Round round = {.render = render, .field = field, .tiles_x = (film->width + TILE - 1) / TILE};
-    const uint64_t tiles = (uint64_t)round.tiles_x * ((film->height + TILE - 1) / TILE);
-    atomic_store(&render->job.work_total, tiles * render->params.samples);
-    while (round.first < render->params.samples) {
-        const uint32_t rest = render->params.samples - round.first;
-        round.count = round.first > 1 ? round.first : 1;
+static AmbStatus run_fixed(AmbRender *render, const Field *field) {
+    Round round = {.render = render, .field = field};
+    const double pixels = (double)render->film.width * render->film.height;
+    render_expect(render, pixels * render->params.samples);
+    for (uint32_t done = 0; done < render->params.samples; done += round.count) {
+        const uint32_t rest = render->params.samples - done;
+        round.count = done > 1 ? done : 1;
         round.count = round.count < ROUND_MAX ? round.count : ROUND_MAX;
         round.count = round.count < rest ? round.count : rest;
-        AMB_TRY(parallel_for(&render->job, tiles, 1, render_tiles, &round));
-        round.first += round.count;
+        AMB_TRY(run_round(&round));
         pthread_mutex_lock(&render->lock);
-        render->samples_done = round.first;
+        render->samples_done = done + round.count;
         pthread_mutex_unlock(&render->lock);
     }
-    return AMB_OK;
+    return accuracy_measure_fixed(render);
+}
+
+static AmbStatus run_camera(AmbRender *render, const Field *field) {
+    if (render->accuracy.target > 0.0f)
+        return accuracy_run_camera(render, field);
+    return run_fixed(render, field);
 }
 
 static uint64_t light_bytes(const LightField *light) {
@@ -117,8 +157,8 @@ static StageClock clock_stage(const AmbRender *render) {
 
 static void charge_stage(AmbRender *render, uint32_t stage, StageClock begin) {
     const StageClock end = clock_stage(render);
-    render->costs[stage].wall = end.wall - begin.wall;
-    render->costs[stage].cpu = end.cpu - begin.cpu + end.helpers - begin.helpers;
+    render->costs[stage].wall += end.wall - begin.wall;
+    render->costs[stage].cpu += end.cpu - begin.cpu + end.helpers - begin.helpers;
 }
 
 static AmbStatus run_scene(AmbRender *render) {
@@ -145,10 +185,10 @@ static AmbStatus run_light(AmbRender *render, LightField *out_light) {
         light_trace(render->scene, &render->plan.light, &render->job, out_light);
     charge_stage(render, STAGE_LIGHT, begin);
     if (status == AMB_OK) {
-        render->ray_count = out_light->ray_count;
-        render->light_leak_count = out_light->leak_count;
-        render->tally = out_light->tally;
-        render->light_bytes = light_bytes(out_light);
+        render->account = (FieldAccount){.ray_count = out_light->ray_count,
+                                         .light_leak_count = out_light->leak_count,
+                                         .tally = out_light->tally,
+                                         .light_bytes = light_bytes(out_light)};
     }
     return status;
 }
@@ -160,10 +200,22 @@ static AmbStatus run_field(AmbRender *render, const LightField *light, Field **o
         field_create(render->scene, light, &render->plan.field, &render->job, out_field);
     charge_stage(render, STAGE_FIELD, begin);
     if (status == AMB_OK) {
-        render->light_sample_count = field_sample_count(*out_field);
-        field_tally(*out_field, &render->tally, &render->light_leak_count);
-        render->field_bytes = field_bytes(*out_field);
+        FieldAccount *account = &render->account;
+        account->light_sample_count = field_sample_count(*out_field);
+        field_tally(*out_field, &account->tally, &account->light_leak_count);
+        account->field_bytes = field_bytes(*out_field);
     }
+    return status;
+}
+
+AmbStatus render_build_field(AmbRender *render, Field **out_field) {
+    LightField light = {.object_count = 0};
+    /* The others refract at the mesh's own triangles: no light ray is traced for them. */
+    if (render->plan.estimator == AMB_ESTIMATOR_POINTS_FIXED ||
+        render->plan.estimator == AMB_ESTIMATOR_POINTS_COVARIANCE)
+        AMB_TRY(run_light(render, &light));
+    const AmbStatus status = run_field(render, &light, out_field);
+    light_field_clear(&light);
     return status;
 }
 
@@ -171,16 +223,12 @@ static AmbStatus run_stages(AmbRender *render) {
     AMB_TRY(parallel_for(&render->job, render->film.height, 16, zero_rows, &render->film));
     AMB_TRY(run_scene(render));
     Field *field = NULL;
-    if (render->plan.effects[PLAN_SINGLE_SCATTERING].is_simulated) {
-        LightField light = {.object_count = 0};
-        /* The others refract at the mesh's own triangles: no light ray is traced for them. */
-        if (render->plan.estimator == AMB_ESTIMATOR_POINTS_FIXED ||
-            render->plan.estimator == AMB_ESTIMATOR_POINTS_COVARIANCE)
-            AMB_TRY(run_light(render, &light));
-        const AmbStatus status = run_field(render, &light, &field);
-        light_field_clear(&light);
-        AMB_TRY(status);
-    }
+    if (!render->plan.effects[PLAN_SINGLE_SCATTERING].is_simulated)
+        render->accuracy.has_field = true; /* and 0: there is none */
+    else if (render->accuracy.target > 0.0f)
+        AMB_TRY(accuracy_choose_field(render, &field));
+    else
+        AMB_TRY(render_build_field(render, &field));
     set_stage(render, STAGE_CAMERA);
     const StageClock begin = clock_stage(render);
     const AmbStatus status = run_camera(render, field);
@@ -223,6 +271,7 @@ static void init_lock(AmbRender *render) {
 }
 
 static void release(AmbRender *render) {
+    probe_clear(&render->accuracy.probe);
     film_clear(&render->film);
     pthread_cond_destroy(&render->ended_changed);
     pthread_mutex_destroy(&render->lock);
@@ -237,6 +286,8 @@ AmbStatus render_start(AmbScene *scene, const AmbRenderParams *params, AmbRender
     init_lock(render);
     render->scene = scene;
     render->params = *params;
+    render->accuracy.target = params->accuracy;
+    render->accuracy.limit = "";
     uint32_t width = params->width, height = params->height;
     if (params->crop_width > 0) {
         render->crop_x = params->crop_x;
@@ -258,6 +309,28 @@ AmbStatus render_start(AmbScene *scene, const AmbRenderParams *params, AmbRender
     return AMB_OK;
 }
 
+/* Seconds that the camera stage will still take at its pace so far; < 0: unknown. */
+static float remaining_seconds(const AmbRender *render, float inside) {
+    const double taken = clock_wall() - render->stage_start;
+    if (render->stage != STAGE_CAMERA || !(inside > 0.0f) || taken < 0.2)
+        return -1.0f;
+    return (float)(taken * (1.0 - (double)inside) / (double)inside);
+}
+
+static void describe_camera(const AmbRender *render, AmbProgress *out) {
+    char left[32] = "";
+    if (out->remaining >= 0.0f)
+        snprintf(left, sizeof left, ", %.0f s left", ceil((double)out->remaining));
+    if (!(render->accuracy.target > 0.0f))
+        snprintf(out->detail, sizeof out->detail, "Sample %u/%u%s", out->samples_done,
+                 render->params.samples, left);
+    else if (out->error > 0.0f)
+        snprintf(out->detail, sizeof out->detail, "Error %.2g %% of %.2g %%%s",
+                 100.0 * (double)out->error, 100.0 * (double)render->accuracy.target, left);
+    else
+        snprintf(out->detail, sizeof out->detail, "First samples");
+}
+
 void render_progress(AmbRender *render, AmbProgress *out_progress) {
     const uint64_t done = atomic_load(&render->job.work_done);
     const uint64_t total = atomic_load(&render->job.work_total);
@@ -274,20 +347,20 @@ void render_progress(AmbRender *render, AmbProgress *out_progress) {
     out_progress->fraction = render->fraction;
     out_progress->elapsed = (float)(is_running ? clock_wall() - render->start : render->elapsed);
     out_progress->samples_done = render->samples_done;
-    pthread_mutex_unlock(&render->lock);
+    if (render->accuracy.has_noise && render->accuracy.has_field)
+        out_progress->error = (float)accuracy_stated(&render->accuracy);
+    out_progress->remaining = is_running ? remaining_seconds(render, inside) : 0.0f;
 
     static const char *const details[STAGE_COUNT] = {"Building the ray accelerator",
                                                      "Tracing light into the media",
-                                                     "Placing volume samples", "Sample"};
-    if (!is_running)
-        snprintf(out_progress->stage, sizeof out_progress->stage, "done");
-    else
-        snprintf(out_progress->stage, sizeof out_progress->stage, "%s", STAGE_NAMES[stage]);
+                                                     "Building the light field", "Sample"};
+    snprintf(out_progress->stage, sizeof out_progress->stage, "%s",
+             is_running ? STAGE_NAMES[stage] : "done");
     if (stage == STAGE_CAMERA)
-        snprintf(out_progress->detail, sizeof out_progress->detail, "Sample %u/%u",
-                 out_progress->samples_done, render->params.samples);
+        describe_camera(render, out_progress);
     else
         snprintf(out_progress->detail, sizeof out_progress->detail, "%s", details[stage]);
+    pthread_mutex_unlock(&render->lock);
 }
 
 void render_cancel(AmbRender *render) {

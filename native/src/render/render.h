@@ -7,6 +7,7 @@
 
 #include "film/film.h"
 #include "plan/plan.h"
+#include "render/accuracy.h"
 
 enum { STAGE_SCENE, STAGE_LIGHT, STAGE_FIELD, STAGE_CAMERA, STAGE_COUNT };
 extern const char *const STAGE_NAMES[STAGE_COUNT];
@@ -14,6 +15,13 @@ extern const char *const STAGE_NAMES[STAGE_COUNT];
 typedef struct StageCost {
     double cpu, wall; /* seconds */
 } StageCost;
+
+/* What the newest light field is made of. */
+typedef struct FieldAccount {
+    uint64_t ray_count, light_sample_count, light_leak_count;
+    uint64_t light_bytes, field_bytes;
+    LightTally tally;
+} FieldAccount;
 
 struct AmbRender {
     AmbScene *scene;
@@ -32,16 +40,17 @@ struct AmbRender {
     uint32_t stage;
     uint32_t samples_done;
     float fraction; /* largest reported */
-    double elapsed; /* of an ended render */
+    double stage_start;
+    Accuracy accuracy; /* the measure so far; only its thread writes */
+    double elapsed;    /* of an ended render */
     AmbStatus status;
     AmbErrorInfo error;
 
     /* Constant once ended. */
     StageCost costs[STAGE_COUNT];
-    uint64_t ray_count, light_sample_count, light_leak_count;
+    FieldAccount account;
     atomic_uint_least64_t camera_leak_count;
-    LightTally tally;
-    uint64_t scene_bytes, light_bytes, field_bytes, peak_rss_bytes;
+    uint64_t scene_bytes, peak_rss_bytes;
     bool has_plan;
 };
 
@@ -51,5 +60,14 @@ void render_cancel(AmbRender *render);
 /* See amb_render_wait. */
 AmbStatus render_wait(AmbRender *render, double timeout, bool *out_ended);
 void render_destroy(AmbRender *render);
+
+/* Stages, for those who run them more than once. */
+
+/* The light field as the plan has it now; its account replaces the last one's. */
+AmbStatus render_build_field(AmbRender *render, Field **out_field);
+/* One more round of camera samples: quotas, by pixel of the film. */
+AmbStatus render_round(AmbRender *render, const Field *field, const uint32_t *quotas);
+/* The camera samples of all rounds, about, as far as is known. */
+void render_expect(AmbRender *render, double samples);
 
 #endif

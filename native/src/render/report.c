@@ -50,19 +50,20 @@ static void add_memory(Text *text, const AmbRender *render) {
     add(text,
         "  \"memory\": {\"scene_bytes\": %llu, \"light_bytes\": %llu, \"field_bytes\": %llu, "
         "\"film_bytes\": %llu, \"peak_rss_bytes\": %llu},\n",
-        (unsigned long long)render->scene_bytes, (unsigned long long)render->light_bytes,
-        (unsigned long long)render->field_bytes, (unsigned long long)film_bytes(&render->film),
-        (unsigned long long)render->peak_rss_bytes);
+        (unsigned long long)render->scene_bytes, (unsigned long long)render->account.light_bytes,
+        (unsigned long long)render->account.field_bytes,
+        (unsigned long long)film_bytes(&render->film), (unsigned long long)render->peak_rss_bytes);
 }
 
 static void add_light(Text *text, const AmbRender *render) {
     const bool is_tubes = render->plan.estimator == AMB_ESTIMATOR_TUBES;
-    const unsigned long long elements = render->light_sample_count;
+    const unsigned long long elements = render->account.light_sample_count;
     add(text, "  \"light\": {\"rays\": %llu, \"volume_samples\": %llu, \"tubes\": %llu, ",
-        (unsigned long long)render->ray_count, is_tubes ? 0 : elements, is_tubes ? elements : 0);
-    add_rgb(text, "flux_incident", render->tally.incident, ", ");
-    add_rgb(text, "flux_entered", render->tally.entered, ", ");
-    add_rgb(text, "flux_interacting", render->tally.interacting, "},\n");
+        (unsigned long long)render->account.ray_count, is_tubes ? 0 : elements,
+        is_tubes ? elements : 0);
+    add_rgb(text, "flux_incident", render->account.tally.incident, ", ");
+    add_rgb(text, "flux_entered", render->account.tally.entered, ", ");
+    add_rgb(text, "flux_interacting", render->account.tally.interacting, "},\n");
 }
 
 /* A string of the user's, as the inside of a JSON string. */
@@ -73,6 +74,32 @@ static void add_escaped(Text *text, const char *string) {
         else
             add(text, "%c", *c);
     }
+}
+
+static void add_number(Text *text, const char *name, bool is_known, double value) {
+    if (is_known)
+        add(text, "\"%s\": %.9g, ", name, value);
+    else
+        add(text, "\"%s\": null, ", name);
+}
+
+/* Relative errors; null where nothing was measured. */
+static void add_accuracy(Text *text, const AmbRender *render) {
+    const Accuracy *accuracy = &render->accuracy;
+    const bool has_all = accuracy->has_noise && accuracy->has_field;
+    const bool is_target = accuracy->target > 0.0f;
+    add(text, "  \"accuracy\": {\"target\": %.9g, ", (double)accuracy->target);
+    add_number(text, "stated", has_all, accuracy_stated(accuracy));
+    add_number(text, "noise", accuracy->has_noise, accuracy->noise);
+    add_number(text, "field", accuracy->has_field, accuracy->field);
+    add_number(text, "field_ratio", accuracy->convergence > 0.0, accuracy->convergence);
+    add(text, "\"reached\": %s, \"limit\": \"%s\", ",
+        !is_target             ? "null"
+        : accuracy->is_reached ? "true"
+                               : "false",
+        accuracy->limit);
+    add(text, "\"samples_mean\": %.9g, \"samples_min\": %u, \"samples_max\": %u},\n",
+        accuracy->samples_mean, accuracy->samples_min, accuracy->samples_max);
 }
 
 typedef struct Warnings {
@@ -107,7 +134,7 @@ static void add_warnings(Text *text, const AmbRender *render, uint64_t nonfinite
     warn(&warnings, NULL,
          "light rays left a translucent object through a hole in its mesh: close it for a right "
          "picture",
-         render->light_leak_count);
+         render->account.light_leak_count);
     warn(&warnings, NULL,
          "camera rays left a translucent object through a hole in its mesh: close it for a right "
          "picture",
@@ -117,6 +144,12 @@ static void add_warnings(Text *text, const AmbRender *render, uint64_t nonfinite
     add(text, "],\n");
 }
 
+/* Under a target they are what was needed, on average. */
+static uint32_t used_samples(const AmbRender *render) {
+    const bool is_target = render->accuracy.target > 0.0f;
+    return is_target ? (uint32_t)lround(render->accuracy.samples_mean) : render->params.samples;
+}
+
 void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t *out_size) {
     Text text = {buffer, buffer != NULL ? size : 0, 0};
     const uint64_t single = atomic_load(&render->film.nonfinite_single);
@@ -124,12 +157,15 @@ void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t
     add(&text, "{\n  \"version\": \"%s\",\n", AMB_VERSION_STRING);
     add(&text, "  \"estimator\": \"%s\",\n", plan_estimator_name(render->plan.estimator));
     add(&text, "  \"samples\": %u,\n  \"width\": %u,\n  \"height\": %u,\n  \"threads\": %u,\n",
-        render->params.samples, render->film.width, render->film.height, render->job.thread_count);
+        used_samples(render), render->film.width, render->film.height, render->job.thread_count);
     add(&text,
         "  \"light_samples\": %llu,\n  \"kernel_size\": %.9g,\n  \"tube_refinement\": %u,\n  "
         "\"seed\": %u,\n",
-        (unsigned long long)render->params.light_samples, (double)render->params.kernel_size,
-        render->params.tube_refinement, render->params.seed);
+        (unsigned long long)(render->has_plan ? render->plan.field.sample_target
+                                              : render->params.light_samples),
+        (double)render->params.kernel_size,
+        render->has_plan ? render->plan.field.tube_refinement : render->params.tube_refinement,
+        render->params.seed);
     add(&text, "  \"estimator_reason\": \"%s\",\n",
         render->has_plan ? render->plan.estimator_reason : "");
     if (render->has_plan)
@@ -137,6 +173,7 @@ void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t
     add_stages(&text, render);
     add_memory(&text, render);
     add_light(&text, render);
+    add_accuracy(&text, render);
     add_warnings(&text, render, single + surface);
     add(&text, "  \"nonfinite\": %llu,\n  \"nonfinite_by\": {\"gather\": %llu, \"surface\": %llu}",
         (unsigned long long)(single + surface), (unsigned long long)single,

@@ -32,6 +32,7 @@ def test_pixels_land_in_their_places(small, fake_library, render_to):
         **{f"{name}.{c}": 1 for name in ("Single Scattering", "Surface") for c in "RGB"},
         "Depth.Z": 1,
         "Frequency.X": 1,
+        "Error.X": 1,
     }
     for name in names:
         assert np.array_equal(channels[f"ViewLayer.{name}"], grid()), name
@@ -91,14 +92,12 @@ def test_unwritable_report(small, fake_library):
         bpy.ops.render.render()
 
 
-@pytest.mark.parametrize(
-    "setting", ["accuracy", "use_double_scattering", "use_multiple_scattering"]
-)
+@pytest.mark.parametrize("setting", ["use_double_scattering", "use_multiple_scattering"])
 def test_missing_effects_are_named(small, fake_library, setting, capfd):
     from amberlight import report
 
     small.amberlight.effects = "MANUAL"
-    setattr(small.amberlight, setting, 0.5 if setting == "accuracy" else True)
+    setattr(small.amberlight, setting, True)
     assert bpy.ops.render.render() == {"FINISHED"}
     summary = report.LAST[small.name]
     assert any("not available in this version, ignored" in line for line in summary.warnings)

@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * What two halves of each pixel's samples tell about the error of the picture. */
+#include "film/film_error.h"
+
+float film_pixel_variance(const FilmPixel *pixel) {
+    const uint32_t a = pixel->half_count, n = pixel->count, b = n - a;
+    if (a == 0 || b == 0)
+        return 0.0f;
+    const Rgb all = rgb_add(pixel->single, pixel->surface);
+    const Rgb first = rgb_scale(pixel->half, 1.0f / (float)a);
+    const Rgb second = rgb_scale(rgb_add(all, rgb_scale(pixel->half, -1.0f)), 1.0f / (float)b);
+    const Rgb difference = rgb_add(first, rgb_scale(second, -1.0f));
+    const float share = (float)a / (float)n * ((float)b / (float)n);
+    return share * rgb_mean(rgb_mul(difference, difference));
+}
+
+FilmSum film_sum_row(const Film *film, uint32_t y, bool is_objects_only) {
+    FilmSum sum = {.count = 0};
+    for (uint32_t x = 0; x < film->width; ++x) {
+        const FilmPixel *pixel = &film->pixels[(uint64_t)y * film->width + x];
+        if (pixel->count == 0 || (is_objects_only && pixel->object_count == 0))
+            continue;
+        sum.variance += (double)film_pixel_variance(pixel);
+        sum.radiance +=
+            (double)(rgb_mean(rgb_add(pixel->single, pixel->surface)) / (float)pixel->count);
+        ++sum.count;
+    }
+    return sum;
+}

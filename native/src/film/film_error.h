@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * What two halves of each pixel's samples tell about the error of the picture. */
+#ifndef AMB_FILM_FILM_ERROR_H
+#define AMB_FILM_FILM_ERROR_H
+
+#include "film/film.h"
+
+/* Squared error of the mean of a pixel's samples, mean over channels, from the difference of its
+ * halves A and B of a and b samples: (A - B)^2 ab / (a+b)^2. Unbiased where the halves are
+ * independent; too large where they complement each other. 0 if one is empty. */
+float film_pixel_variance(const FilmPixel *pixel);
+
+typedef struct FilmSum {
+    double variance; /* sum of film_pixel_variance */
+    double radiance; /* sum of radiance, mean of channels */
+    uint64_t count;  /* pixels */
+} FilmSum;
+
+/* Over the pixels of row y, or over those of them that show a translucent object. No samples may
+ * arrive meanwhile. */
+FilmSum film_sum_row(const Film *film, uint32_t y, bool is_objects_only);
+
+#endif

@@ -1,0 +1,547 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * A target error instead of budgets. */
+#include "render/accuracy.h"
+
+#include "base/memory.h"
+#include "film/film_error.h"
+#include "render/render.h"
+
+/* Share of the target that the field may take: its squares leave half to the noise. */
+static const double FIELD_SHARE = 0.7;
+/* Bytes of the largest light field that is built without being asked for. */
+static const uint64_t FIELD_BYTES_MAX = 2ull << 30;
+/* Volume samples of the first level, in units of those set: levels grow by 4. */
+enum { POINTS_FIRST_SHIFT = 6, POINTS_FIRST_MIN = 1 << 12, POINTS_LEVELS_MIN = 3 };
+static const uint64_t POINTS_MAX = 1ull << 25;
+enum { TUBE_REFINEMENT_MAX = 4, TUBES_LEVELS_MIN = 2 };
+
+/* Measured on the scenes of docs/accuracy.md. */
+static const FieldPrior TUBES_PRIOR = {{2.8, 0.3}, 1.5, 4.5, 0.85};
+static const FieldPrior POINTS_PRIOR = {{1.75, 0.7}, 1.4, 4.0, 0.85};
+
+/* A pixel that an edge or a fold crosses, under a low-discrepancy sequence, has the variance
+ * c n^-3/2 after n samples; a sum of c n^-3/2 over pixels is least for n ~ c^(1 / (1 + 3/2)). */
+static const double NOISE_ORDER = 1.5;
+enum { SAMPLES_FIRST = 4, SAMPLES_MEAN_MAX = 4096 };
+/* Each pixel's samples at most double from round to round: what is planned from few of them is
+ * itself noisy. */
+static const double NOISE_MARGIN = 0.97;
+/* Where the field's error alone exceeds the target, noise of this part of it is good enough. */
+static const double NOISE_OF_FIELD = 0.5;
+/* One sequence is more even than its halves tell: its error is about this part of theirs, 1 for
+ * noise without order, 0.6 where n^-3/2 holds ([Owen97] for scrambled nets; measured in
+ * docs/accuracy.md). */
+static const double FIXED_NOISE = 0.8;
+
+double accuracy_stated(const Accuracy *accuracy) {
+    return sqrt(accuracy->noise * accuracy->noise + accuracy->field * accuracy->field);
+}
+
+/* ---- Field ----------------------------------------------------------------------------------- */
+
+static bool is_tubes(const AmbRender *render) {
+    return render->plan.estimator == AMB_ESTIMATOR_TUBES;
+}
+
+/* Makes the plan that of a level; false if there is none so fine. */
+static bool set_level(AmbRender *render, uint32_t level, uint64_t bytes_before) {
+    const bool is_too_large = level > 0 && 4 * bytes_before > FIELD_BYTES_MAX;
+    if (is_too_large || level >= FIELD_LEVEL_MAX)
+        return false;
+    if (is_tubes(render)) {
+        const uint32_t refinement = render->params.tube_refinement + level;
+        if (refinement > TUBE_REFINEMENT_MAX)
+            return false;
+        render->plan.field.tube_refinement = refinement;
+        return true;
+    }
+    const uint64_t set = render->params.light_samples;
+    const uint64_t shifted = set >> POINTS_FIRST_SHIFT;
+    const uint64_t first = shifted > POINTS_FIRST_MIN ? shifted : POINTS_FIRST_MIN;
+    const uint64_t samples = first << (2 * level);
+    if (samples > (set > POINTS_MAX ? set : POINTS_MAX))
+        return false;
+    plan_set_light_samples(&render->plan, samples);
+    return true;
+}
+
+/* The two newest levels. */
+typedef struct Ladder {
+    Field *fields[2]; /* older, newer */
+    FieldAccount accounts[2];
+} Ladder;
+
+static AmbStatus climb(AmbRender *render, Ladder *ladder) {
+    Field *field = NULL;
+    AMB_TRY(render_build_field(render, &field));
+    field_destroy(ladder->fields[0]);
+    ladder->fields[0] = ladder->fields[1];
+    ladder->accounts[0] = ladder->accounts[1];
+    ladder->fields[1] = field;
+    ladder->accounts[1] = render->account;
+    Accuracy *accuracy = &render->accuracy;
+    return probe_run(&accuracy->probe, render->scene, field, &render->plan.camera, render->crop_x,
+                     render->crop_y, &render->job);
+}
+
+static double level_error(const Accuracy *accuracy, uint32_t level, const FieldPrior *prior) {
+    const double square = field_error_square(&accuracy->probe.differences, level, prior);
+    return accuracy->probe.radiance > 0.0 ? sqrt(square) / accuracy->probe.radiance : 0.0;
+}
+
+static AmbStatus climb_until_fine(AmbRender *render, Ladder *ladder) {
+    Accuracy *accuracy = &render->accuracy;
+    const FieldPrior *prior = is_tubes(render) ? &TUBES_PRIOR : &POINTS_PRIOR;
+    const uint32_t levels_min = is_tubes(render) ? TUBES_LEVELS_MIN : POINTS_LEVELS_MIN;
+    const double limit = FIELD_SHARE * (double)accuracy->target;
+    const FieldDifferences *differences = &accuracy->probe.differences;
+    uint32_t top = 0;
+    while (set_level(render, top, ladder->accounts[1].field_bytes)) {
+        AMB_TRY(climb(render, ladder));
+        accuracy->level = top;
+        if (top > 0) {
+            accuracy->has_field = true;
+            accuracy->companion = top - 1;
+            accuracy->field = level_error(accuracy, top, prior);
+            const double coarser = level_error(accuracy, top - 1, prior);
+            const bool is_enough = top + 1 >= levels_min;
+            if (is_enough && coarser <= limit) {
+                accuracy->level = top - 1;
+                accuracy->companion = top;
+                accuracy->field = coarser;
+            }
+            accuracy->convergence = field_convergence(differences, top, prior).ratio;
+            /* A coarser level of tubes tells too little of the finest one's error. */
+            if (is_enough && (coarser <= limit || (!is_tubes(render) && accuracy->field <= limit)))
+                break;
+        }
+        ++top;
+    }
+    return AMB_OK;
+}
+
+AmbStatus accuracy_choose_field(AmbRender *render, Field **out_field) {
+    Accuracy *accuracy = &render->accuracy;
+    if (render->plan.estimator == AMB_ESTIMATOR_SPECULAR) {
+        /* Its light paths are solved, not sampled. */
+        accuracy->has_field = true;
+        return render_build_field(render, out_field);
+    }
+    AMB_TRY(probe_create(render->film.width, render->film.height, &accuracy->probe));
+    Ladder ladder = {.fields = {NULL, NULL}};
+    const AmbStatus status = climb_until_fine(render, &ladder);
+    if (status != AMB_OK) {
+        field_destroy(ladder.fields[0]);
+        field_destroy(ladder.fields[1]);
+        return status;
+    }
+    const bool is_older = accuracy->level + 1 < accuracy->probe.level_count;
+    *out_field = ladder.fields[is_older ? 0 : 1];
+    render->account = ladder.accounts[is_older ? 0 : 1];
+    field_destroy(ladder.fields[is_older ? 1 : 0]);
+    /* The plan, and the report with it, again as the chosen level has it. */
+    set_level(render, accuracy->level, 0);
+    return AMB_OK;
+}
+
+/* ---- Noise ----------------------------------------------------------------------------------- */
+
+/* Numbers of each pixel and each row between two rounds. */
+typedef struct Survey {
+    AmbRender *render;
+    bool has_objects;   /* pixels that count are those with objects */
+    float *costs;       /* by pixel: c of c n^-3/2 */
+    uint32_t *quotas;   /* by pixel: samples of the next round */
+    FilmSum *rows;      /* what counts, by row */
+    double *sums;       /* by row */
+    uint64_t *counts;   /* by row */
+    double scale;       /* samples wanted of a pixel = scale * (smoothed c)^(1 / (1 + 3/2)) */
+    float *weights;     /* by pixel: (smoothed c)^(1 / (1 + 3/2)) */
+    float *shares;      /* by pixel: variance handed to each of the neighbours */
+    double field_scale; /* squared error in units of the probes' squared differences */
+    float *field;       /* by block of the probe: smoothed squared differences, or NULL */
+} Survey;
+
+static void survey_clear(Survey *survey) {
+    memory_free(survey->costs);
+    memory_free(survey->quotas);
+    memory_free(survey->rows);
+    memory_free(survey->sums);
+    memory_free(survey->counts);
+    memory_free(survey->weights);
+    memory_free(survey->shares);
+    memory_free(survey->field);
+}
+
+static AmbStatus survey_create(AmbRender *render, Survey *out_survey) {
+    const uint64_t rows = render->film.height, pixels = rows * render->film.width;
+    *out_survey = (Survey){.render = render,
+                           .costs = memory_alloc_array(pixels, sizeof(float)),
+                           .quotas = memory_zero_array(pixels, sizeof(uint32_t)),
+                           .rows = memory_alloc_array(rows, sizeof(FilmSum)),
+                           .sums = memory_zero_array(rows, sizeof(double)),
+                           .counts = memory_zero_array(rows, sizeof(uint64_t)),
+                           .weights = memory_alloc_array(pixels, sizeof(float)),
+                           .shares = memory_alloc_array(pixels, sizeof(float))};
+    if (out_survey->costs == NULL || out_survey->quotas == NULL || out_survey->rows == NULL ||
+        out_survey->sums == NULL || out_survey->counts == NULL || out_survey->weights == NULL ||
+        out_survey->shares == NULL) {
+        survey_clear(out_survey);
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the error");
+    }
+    return AMB_OK;
+}
+
+static AmbStatus sum_rows(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    Survey *survey = user;
+    for (uint64_t y = begin; y < end; ++y)
+        survey->rows[y] = film_sum_row(&survey->render->film, (uint32_t)y, survey->has_objects);
+    return AMB_OK;
+}
+
+/* Sum over the film, row after row. */
+static AmbStatus sum_film(Survey *survey, FilmSum *out_sum) {
+    AmbRender *render = survey->render;
+    for (int objects = 1; objects >= 0; --objects) {
+        survey->has_objects = objects == 1;
+        AMB_TRY(parallel_for(&render->job, render->film.height, 16, sum_rows, survey));
+        *out_sum = (FilmSum){.count = 0};
+        for (uint32_t y = 0; y < render->film.height; ++y) {
+            out_sum->variance += survey->rows[y].variance;
+            out_sum->radiance += survey->rows[y].radiance;
+            out_sum->count += survey->rows[y].count;
+        }
+        if (out_sum->count > 0)
+            break;
+    }
+    return AMB_OK;
+}
+
+/* The noise as it is now. */
+static AmbStatus measure_noise(Survey *survey) {
+    Accuracy *accuracy = &survey->render->accuracy;
+    FilmSum sum;
+    AMB_TRY(sum_film(survey, &sum));
+    const double count = (double)sum.count;
+    const double radiance = sum.radiance / count;
+    const double noise = radiance > 0.0 ? sqrt(sum.variance / count) / radiance : 0.0;
+    pthread_mutex_lock(&survey->render->lock);
+    accuracy->has_noise = true;
+    accuracy->radiance = radiance;
+    accuracy->noise = noise;
+    pthread_mutex_unlock(&survey->render->lock);
+    return AMB_OK;
+}
+
+static bool counts(const Survey *survey, const FilmPixel *pixel) {
+    return !survey->has_objects || pixel->object_count > 0;
+}
+
+static AmbStatus find_costs(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    const Survey *survey = user;
+    const Film *film = &survey->render->film;
+    for (uint64_t i = begin * film->width; i < end * film->width; ++i) {
+        const FilmPixel *pixel = &film->pixels[i];
+        survey->costs[i] =
+            film_pixel_variance(pixel) * powf((float)pixel->count, (float)NOISE_ORDER);
+    }
+    return AMB_OK;
+}
+
+/* Pixels within a distance of one: x0, x1, y0, y1, inclusive. */
+static void neighbourhood(const Film *film, uint32_t x, uint32_t y, uint32_t distance,
+                          uint32_t out[4]) {
+    out[0] = x > distance ? x - distance : 0;
+    out[1] = film->width - 1 - x > distance ? x + distance : film->width - 1;
+    out[2] = y > distance ? y - distance : 0;
+    out[3] = film->height - 1 - y > distance ? y + distance : film->height - 1;
+}
+
+/* A pixel's own samples tell little of its noise, and to choose pixels by it passes over those
+ * whose halves agree by chance, so that the estimate of the whole falls short. With 5 x 5 pixels
+ * it does by 6 %, with 3 x 3 by 15 %, for a fifth fewer samples (bumpy, slab and sphere, 64 x
+ * 64). */
+static double weight(const Survey *survey, uint32_t x, uint32_t y) {
+    const Film *film = &survey->render->film;
+    uint32_t range[4];
+    neighbourhood(film, x, y, 2, range);
+    double sum = 0.0;
+    for (uint64_t v = range[2]; v <= range[3]; ++v)
+        for (uint32_t u = range[0]; u <= range[1]; ++u)
+            sum += (double)survey->costs[v * film->width + u];
+    const double count = (double)(range[1] - range[0] + 1) * (range[3] - range[2] + 1);
+    return pow(sum / count, 1.0 / (1.0 + NOISE_ORDER));
+}
+
+static AmbStatus sum_weights(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    const Survey *survey = user;
+    const Film *film = &survey->render->film;
+    for (uint64_t y = begin; y < end; ++y) {
+        double sum = 0.0;
+        for (uint32_t x = 0; x < film->width; ++x) {
+            const uint64_t i = y * film->width + x;
+            const double w = weight(survey, x, (uint32_t)y);
+            survey->weights[i] = (float)w;
+            if (counts(survey, &film->pixels[i]))
+                sum += w;
+        }
+        survey->sums[y] = sum;
+    }
+    return AMB_OK;
+}
+
+/* Samples of the next round, an even number, and in the rows' sums how many are still missing. */
+static AmbStatus share_out(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    const Survey *survey = user;
+    const Film *film = &survey->render->film;
+    for (uint64_t y = begin; y < end; ++y) {
+        double missing = 0.0;
+        uint64_t given = 0;
+        for (uint32_t x = 0; x < film->width; ++x) {
+            const uint64_t i = y * film->width + x;
+            const double have = film->pixels[i].count;
+            const double want = survey->scale * (double)survey->weights[i] - have;
+            uint32_t quota = 0;
+            /* A few more are not worth a round. */
+            if (want > have / 16.0) {
+                missing += want;
+                quota = 2 * (uint32_t)ceil(0.5 * fmin(want, have));
+            }
+            survey->quotas[i] = quota;
+            given += quota;
+        }
+        survey->sums[y] = missing;
+        survey->counts[y] = given;
+    }
+    return AMB_OK;
+}
+
+/* Plans the next round, which leads towards that noise. */
+static AmbStatus plan_round(Survey *survey, double noise, uint64_t *out_given,
+                            double *out_missing) {
+    AmbRender *render = survey->render;
+    const uint32_t rows = render->film.height;
+    AMB_TRY(parallel_for(&render->job, rows, 16, find_costs, survey));
+    AMB_TRY(parallel_for(&render->job, rows, 16, sum_weights, survey));
+    double weights = 0.0;
+    uint64_t count = 0;
+    for (uint32_t y = 0; y < rows; ++y) {
+        weights += survey->sums[y];
+        count += survey->rows[y].count;
+    }
+    const double error = noise * render->accuracy.radiance;
+    survey->scale = pow(weights / ((double)count * error * error), 1.0 / NOISE_ORDER);
+    AMB_TRY(parallel_for(&render->job, rows, 16, share_out, survey));
+    *out_given = 0;
+    *out_missing = 0.0;
+    for (uint32_t y = 0; y < rows; ++y) {
+        *out_given += survey->counts[y];
+        *out_missing += survey->sums[y];
+    }
+    return AMB_OK;
+}
+
+/* ---- Error pass ------------------------------------------------------------------------------ */
+
+/* Each pixel hands its variance to those of its neighbours and itself that are alike, in equal
+ * parts: smoother, and the sum stays. */
+static AmbStatus find_shares(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    const Survey *survey = user;
+    const Film *film = &survey->render->film;
+    for (uint64_t y = begin; y < end; ++y)
+        for (uint32_t x = 0; x < film->width; ++x) {
+            const FilmPixel *pixel = &film->pixels[y * film->width + x];
+            uint32_t range[4], alike = 0;
+            neighbourhood(film, x, (uint32_t)y, 1, range);
+            for (uint64_t v = range[2]; v <= range[3]; ++v)
+                for (uint32_t u = range[0]; u <= range[1]; ++u)
+                    alike +=
+                        counts(survey, &film->pixels[v * film->width + u]) == counts(survey, pixel);
+            survey->shares[y * film->width + x] = film_pixel_variance(pixel) / (float)alike;
+        }
+    return AMB_OK;
+}
+
+static double field_square(const Survey *survey, uint32_t x, uint32_t y) {
+    const Probe *probe = &survey->render->accuracy.probe;
+    if (survey->field == NULL)
+        return 0.0;
+    const uint64_t block = (uint64_t)(y / probe->block) * probe->blocks_x + x / probe->block;
+    return survey->field_scale * (double)survey->field[block];
+}
+
+static AmbStatus sum_field(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    const Survey *survey = user;
+    const Film *film = &survey->render->film;
+    for (uint64_t y = begin; y < end; ++y) {
+        double sum = 0.0;
+        for (uint32_t x = 0; x < film->width; ++x)
+            if (counts(survey, &film->pixels[y * film->width + x]))
+                sum += field_square(survey, x, (uint32_t)y);
+        survey->sums[y] = sum;
+    }
+    return AMB_OK;
+}
+
+static AmbStatus write_errors(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    const Survey *survey = user;
+    Film *film = &survey->render->film;
+    for (uint64_t y = begin; y < end; ++y) {
+        /* In place of the costs, which the next round finds again. */
+        float *row = survey->costs + y * film->width;
+        for (uint32_t x = 0; x < film->width; ++x) {
+            const bool is_counted = counts(survey, &film->pixels[y * film->width + x]);
+            uint32_t range[4];
+            neighbourhood(film, x, (uint32_t)y, 1, range);
+            double square = is_counted ? field_square(survey, x, (uint32_t)y) : 0.0;
+            for (uint64_t v = range[2]; v <= range[3]; ++v)
+                for (uint32_t u = range[0]; u <= range[1]; ++u)
+                    if (counts(survey, &film->pixels[v * film->width + u]) == is_counted)
+                        square += (double)survey->shares[v * film->width + u];
+            row[x] = (float)sqrt(square);
+        }
+        film_set_error_row(film, (uint32_t)y, row);
+    }
+    return AMB_OK;
+}
+
+/* Squared differences of the probes of 3 x 3 blocks. */
+static AmbStatus find_field(Survey *survey) {
+    const Accuracy *accuracy = &survey->render->accuracy;
+    const Probe *probe = &accuracy->probe;
+    survey->field = memory_zero_array((uint64_t)probe->blocks_x * probe->blocks_y, sizeof(float));
+    if (survey->field == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the error");
+    for (uint32_t y = 0; y < probe->blocks_y; ++y)
+        for (uint32_t x = 0; x < probe->blocks_x; ++x) {
+            float sum = 0.0f;
+            for (uint32_t v = y > 0 ? y - 1 : 0; v <= y + 1 && v < probe->blocks_y; ++v)
+                for (uint32_t u = x > 0 ? x - 1 : 0; u <= x + 1 && u < probe->blocks_x; ++u)
+                    sum += probe_block_square(probe, (uint64_t)v * probe->blocks_x + u,
+                                              accuracy->level, accuracy->companion);
+            survey->field[(uint64_t)y * probe->blocks_x + x] = sum;
+        }
+    return AMB_OK;
+}
+
+/* The Error pass: over the pixels that count, the mean of its square is (stated * radiance)^2. */
+static AmbStatus write_error_pass(Survey *survey, double noise_factor) {
+    AmbRender *render = survey->render;
+    const Accuracy *accuracy = &render->accuracy;
+    const uint32_t rows = render->film.height;
+    AMB_TRY(parallel_for(&render->job, rows, 16, find_shares, survey));
+    if (noise_factor != 1.0)
+        for (uint64_t i = 0; i < (uint64_t)rows * render->film.width; ++i)
+            survey->shares[i] *= (float)(noise_factor * noise_factor);
+    if (accuracy->has_field && accuracy->field > 0.0) {
+        if (survey->field == NULL)
+            AMB_TRY(find_field(survey));
+        survey->field_scale = 1.0;
+        AMB_TRY(parallel_for(&render->job, rows, 16, sum_field, survey));
+        double sum = 0.0;
+        uint64_t count = 0;
+        for (uint32_t y = 0; y < rows; ++y) {
+            sum += survey->sums[y];
+            count += survey->rows[y].count;
+        }
+        const double error = accuracy->field * accuracy->radiance;
+        survey->field_scale = sum > 0.0 ? error * error * (double)count / sum : 0.0;
+    }
+    return parallel_for(&render->job, rows, 16, write_errors, survey);
+}
+
+/* ---- Rounds ---------------------------------------------------------------------------------- */
+
+static void count_samples(AmbRender *render) {
+    const Film *film = &render->film;
+    const uint64_t pixels = (uint64_t)film->width * film->height;
+    uint64_t sum = 0;
+    uint32_t least = UINT32_MAX, most = 0;
+    for (uint64_t i = 0; i < pixels; ++i) {
+        const uint32_t count = film->pixels[i].count;
+        sum += count;
+        least = count < least ? count : least;
+        most = count > most ? count : most;
+    }
+    pthread_mutex_lock(&render->lock);
+    render->accuracy.samples_mean = (double)sum / (double)pixels;
+    render->accuracy.samples_min = least;
+    render->accuracy.samples_max = most;
+    render->samples_done = least;
+    pthread_mutex_unlock(&render->lock);
+}
+
+/* Noise to aim at: what the field leaves of the target. */
+static double noise_target(const Accuracy *accuracy) {
+    const double room =
+        (double)accuracy->target * (double)accuracy->target - accuracy->field * accuracy->field;
+    const double least = NOISE_OF_FIELD * accuracy->field;
+    return sqrt(fmax(room, least * least));
+}
+
+static AmbStatus run_rounds(AmbRender *render, const Field *field, Survey *survey) {
+    Accuracy *accuracy = &render->accuracy;
+    const uint64_t pixels = (uint64_t)render->film.width * render->film.height;
+    for (uint64_t i = 0; i < pixels; ++i)
+        survey->quotas[i] = SAMPLES_FIRST;
+    uint64_t given = SAMPLES_FIRST * pixels;
+    double done = 0.0, missing = (double)given;
+    const double target = noise_target(accuracy);
+    for (;;) {
+        render_expect(render, done + missing);
+        AMB_TRY(render_round(render, field, survey->quotas));
+        done += (double)given;
+        count_samples(render);
+        AMB_TRY(measure_noise(survey));
+        AMB_TRY(write_error_pass(survey, 1.0));
+        if (accuracy->noise <= target)
+            break;
+        /* The plan may find enough where the measure does not: then it aims lower. */
+        double aim = target;
+        do {
+            aim *= NOISE_MARGIN;
+            AMB_TRY(plan_round(survey, aim, &given, &missing));
+        } while (given == 0);
+        if (done + (double)given > (double)SAMPLES_MEAN_MAX * (double)pixels) {
+            accuracy->limit = "noise: 4096 samples per pixel are the most";
+            break;
+        }
+    }
+    return AMB_OK;
+}
+
+AmbStatus accuracy_run_camera(AmbRender *render, const Field *field) {
+    Accuracy *accuracy = &render->accuracy;
+    Survey survey;
+    AMB_TRY(survey_create(render, &survey));
+    const AmbStatus status = run_rounds(render, field, &survey);
+    survey_clear(&survey);
+    accuracy->is_reached =
+        status == AMB_OK && accuracy_stated(accuracy) <= (double)accuracy->target;
+    if (accuracy->limit[0] == '\0' && !accuracy->is_reached)
+        accuracy->limit = is_tubes(render) ? "light field: tubes are refined no further"
+                                           : "light field: more volume samples take no memory";
+    return status;
+}
+
+AmbStatus accuracy_measure_fixed(AmbRender *render) {
+    Accuracy *accuracy = &render->accuracy;
+    count_samples(render);
+    if (accuracy->samples_min < 2)
+        return AMB_OK;
+    Survey survey;
+    AMB_TRY(survey_create(render, &survey));
+    AmbStatus status = measure_noise(&survey);
+    if (status == AMB_OK)
+        status = write_error_pass(&survey, FIXED_NOISE);
+    accuracy->noise *= FIXED_NOISE;
+    survey_clear(&survey);
+    return status;
+}

@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * A target error instead of budgets: picks the light field, and spends camera samples where the
+ * picture needs them until it is reached.
+ *
+ *   stated^2 = noise^2 + field^2, in units of the mean radiance,
+ *
+ * over all channels of the pixels that show a translucent object (all pixels, if none does).
+ * noise is what the two halves of the samples of the pixels differ by; field is what the light's
+ * discretisation costs, by the differences of fields of several levels along the same camera
+ * rays (field_error.h). Decisions depend on results alone, never on a clock or on threads. */
+#ifndef AMB_RENDER_ACCURACY_H
+#define AMB_RENDER_ACCURACY_H
+
+#include "field/field.h"
+#include "render/probe.h"
+
+struct AmbRender;
+
+typedef struct Accuracy {
+    float target; /* 0: fixed budgets */
+    bool has_noise, has_field;
+    double noise, field; /* relative to the mean radiance */
+    double radiance;     /* that mean */
+    bool is_reached;
+    const char *limit; /* what keeps the error above the target, one phrase; "" if nothing */
+    double samples_mean;
+    uint32_t samples_min, samples_max; /* of a pixel */
+    double convergence;                /* factor between the errors of two levels; 0: unknown */
+
+    Probe probe; /* empty unless fields were compared */
+    uint32_t level, companion;
+} Accuracy;
+
+/* Error as far as it is known. */
+double accuracy_stated(const Accuracy *accuracy);
+
+/* Builds the coarsest field whose error leaves room for noise, within bounds of memory. */
+AmbStatus accuracy_choose_field(struct AmbRender *render, Field **out_field);
+
+/* Camera samples until the target is reached, or cannot be. */
+AmbStatus accuracy_run_camera(struct AmbRender *render, const Field *field);
+
+/* What a render of fixed budgets can say of its error, after the last sample: the noise. */
+AmbStatus accuracy_measure_fixed(struct AmbRender *render);
+
+#endif

@@ -1,0 +1,139 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * A few pixels seen through one field after the other. */
+#include "render/probe.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+#include "base/rng.h"
+
+enum {
+    PROBE_SAMPLES = 16,     /* of a pixel */
+    PROBE_PIXELS = 1 << 13, /* at least, where the image has so many */
+    PROBE_BLOCK_MAX = 8
+};
+
+typedef struct ProbePass {
+    Probe *probe;
+    const AmbScene *scene;
+    const Field *field;
+    const CameraParams *camera;
+    uint32_t x, y;
+    Job *job;
+} ProbePass;
+
+AmbStatus probe_create(uint32_t width, uint32_t height, Probe *out_probe) {
+    const double edge = sqrt((double)width * height / PROBE_PIXELS);
+    const uint32_t block = edge < 1.0               ? 1
+                           : edge > PROBE_BLOCK_MAX ? PROBE_BLOCK_MAX
+                                                    : (uint32_t)edge;
+    *out_probe = (Probe){.width = width,
+                         .height = height,
+                         .block = block,
+                         .blocks_x = (width + block - 1) / block,
+                         .blocks_y = (height + block - 1) / block};
+    out_probe->objects = memory_zero_array((uint64_t)out_probe->blocks_x * out_probe->blocks_y, 1);
+    if (out_probe->objects == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the light field's error");
+    return AMB_OK;
+}
+
+void probe_clear(Probe *probe) {
+    memory_free(probe->objects);
+    for (uint32_t i = 0; i < FIELD_LEVEL_MAX; ++i)
+        memory_free(probe->levels[i]);
+    memset(probe, 0, sizeof *probe);
+}
+
+/* A block's pixel: by chance, for a fixed one of each would see patterns. */
+static AmbStatus probe_block(const ProbePass *pass, uint64_t index, ProbePixel *out_pixel) {
+    Probe *probe = pass->probe;
+    const uint32_t x0 = (uint32_t)(index % probe->blocks_x) * probe->block;
+    const uint32_t y0 = (uint32_t)(index / probe->blocks_x) * probe->block;
+    const uint32_t width = probe->width - x0, height = probe->height - y0;
+    const Rng rng = rng_create(pass->camera->seed, RNG_STAGE_PROBE, index);
+    const float u = rng_float(rng, 0), v = rng_float(rng, 1);
+    const uint32_t x = x0 + (uint32_t)(u * (float)(width < probe->block ? width : probe->block));
+    const uint32_t y = y0 + (uint32_t)(v * (float)(height < probe->block ? height : probe->block));
+    *out_pixel = (ProbePixel){.halves = {rgb(0, 0, 0), rgb(0, 0, 0)}};
+    for (uint32_t i = 0; i < PROBE_SAMPLES; ++i) {
+        if (job_is_cancelled(pass->job))
+            return AMB_CANCELLED;
+        const CameraSample sample =
+            camera_sample(pass->scene, pass->field, pass->camera, pass->x + x, pass->y + y, i);
+        const Rgb radiance = rgb_add(sample.single, sample.surface);
+        if (rgb_is_finite(radiance))
+            out_pixel->halves[i % 2] = rgb_add(out_pixel->halves[i % 2], radiance);
+        if (sample.is_object)
+            probe->objects[index] = 1;
+    }
+    for (int h = 0; h < 2; ++h)
+        out_pixel->halves[h] = rgb_scale(out_pixel->halves[h], 2.0f / PROBE_SAMPLES);
+    return AMB_OK;
+}
+
+static AmbStatus probe_blocks(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    const ProbePass *pass = user;
+    ProbePixel *pixels = pass->probe->levels[pass->probe->level_count];
+    for (uint64_t i = begin; i < end; ++i)
+        AMB_TRY(probe_block(pass, i, &pixels[i]));
+    return AMB_OK;
+}
+
+static Rgb difference(const Probe *probe, uint64_t block, uint32_t a, uint32_t b, int half) {
+    return rgb_add(probe->levels[a][block].halves[half],
+                   rgb_scale(probe->levels[b][block].halves[half], -1.0f));
+}
+
+float probe_block_square(const Probe *probe, uint64_t block, uint32_t a, uint32_t b) {
+    const Rgb d = rgb_add(difference(probe, block, a, b, 0), difference(probe, block, a, b, 1));
+    return 0.25f * rgb_mean(rgb_mul(d, d));
+}
+
+/* The halves are independent, so that the product of their differences has the expectation of a
+ * pixel's squared difference at infinitely many samples. */
+static double mean_square(const Probe *probe, uint32_t a, uint32_t b, bool is_objects_only) {
+    const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
+    double sum = 0.0;
+    uint64_t count = 0;
+    for (uint64_t i = 0; i < blocks; ++i)
+        if (probe->objects[i] != 0 || !is_objects_only) {
+            sum += (double)rgb_mean(
+                rgb_mul(difference(probe, i, a, b, 0), difference(probe, i, a, b, 1)));
+            ++count;
+        }
+    return count > 0 ? sum / (double)count : 0.0;
+}
+
+static double mean_radiance(const Probe *probe, uint32_t level, bool is_objects_only) {
+    const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
+    double sum = 0.0;
+    uint64_t count = 0;
+    for (uint64_t i = 0; i < blocks; ++i)
+        if (probe->objects[i] != 0 || !is_objects_only) {
+            const ProbePixel *pixel = &probe->levels[level][i];
+            sum += 0.5 * (double)rgb_mean(rgb_add(pixel->halves[0], pixel->halves[1]));
+            ++count;
+        }
+    return count > 0 ? sum / (double)count : 0.0;
+}
+
+AmbStatus probe_run(Probe *probe, const AmbScene *scene, const Field *field,
+                    const CameraParams *camera, uint32_t x, uint32_t y, Job *job) {
+    const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
+    const uint32_t level = probe->level_count;
+    probe->levels[level] = memory_alloc_array(blocks, sizeof(ProbePixel));
+    if (probe->levels[level] == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the light field's error");
+    ProbePass pass = {probe, scene, field, camera, x, y, job};
+    AMB_TRY(parallel_for(job, blocks, 16, probe_blocks, &pass));
+    probe->level_count = level + 1;
+    probe->differences.level_count = level + 1;
+    const bool is_objects_only = memchr(probe->objects, 1, blocks) != NULL;
+    for (uint32_t i = 0; i < level; ++i)
+        probe->differences.squares[i][level] = probe->differences.squares[level][i] =
+            fmax(mean_square(probe, i, level, is_objects_only), 0.0);
+    probe->radiance = mean_radiance(probe, level, is_objects_only);
+    return AMB_OK;
+}
