@@ -39,8 +39,7 @@ void test_run(const char *name, void (*function)(void)) {
 #define MODULE_LIST(X)                                                                             \
     X(accuracy)                                                                                    \
     X(api)                                                                                         \
-    X(bad_input) X(base) X(covariance) X(gather) X(optics) X(scene) X(specular) X(tangent)         \
-        X(tubes)
+    X(bad_input) X(base) X(covariance) X(gather) X(optics) X(scene) X(specular) X(tangent) X(tubes)
 
 #define DECLARE(name) void test_##name(void);
 MODULE_LIST(DECLARE)

@@ -219,7 +219,7 @@ static uint32_t channels_of(const char *name) {
         return 4;
     if (!strcmp(name, "Single Scattering") || !strcmp(name, "Surface"))
         return 3;
-    return !strcmp(name, "Depth") || !strcmp(name, "Frequency");
+    return !strcmp(name, "Depth") || !strcmp(name, "Frequency") || !strcmp(name, "Error");
 }
 AmbStatus amb_render_pass_channels(AmbRender *render, const char *name, uint32_t *out_channels) {
     (void)render;

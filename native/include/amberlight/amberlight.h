@@ -289,9 +289,9 @@ typedef struct AmbRenderParams {
     uint32_t tube_refinement;  /* TUBES: each triangle is halved so many times along its edges,
                                 * 0, 1, 2 .. 4 = 1, 4, 16 .. 256 tubes and more where it must */
     float accuracy;            /* > 0: target of the relative error of the picture (rel_rmse of
-                                * docs/accuracy.md). samples is then without effect, tube_refinement is where
-                                * the search for fine enough tubes begins, light_samples is in the midst of
-                                * where that for volume samples may end. 0: fixed budgets */
+                                * docs/accuracy.md). samples has then no effect; tube_refinement is
+                                * where the search for fine enough tubes begins; that for volume
+                                * samples begins at a 64th of light_samples. 0: fixed budgets */
     uint32_t reserved;
 } AmbRenderParams;
 

@@ -49,7 +49,11 @@ static bool set_level(AmbRender *render, uint32_t level, uint64_t bytes_before) 
     if (is_too_large || level >= FIELD_LEVEL_MAX)
         return false;
     if (is_tubes(render)) {
-        const uint32_t refinement = render->params.tube_refinement + level;
+        /* So that there is one finer. */
+        const uint32_t first = render->params.tube_refinement < TUBE_REFINEMENT_MAX
+                                   ? render->params.tube_refinement
+                                   : TUBE_REFINEMENT_MAX - 1;
+        const uint32_t refinement = first + level;
         if (refinement > TUBE_REFINEMENT_MAX)
             return false;
         render->plan.field.tube_refinement = refinement;
@@ -523,11 +527,13 @@ AmbStatus accuracy_run_camera(AmbRender *render, const Field *field) {
     AMB_TRY(survey_create(render, &survey));
     const AmbStatus status = run_rounds(render, field, &survey);
     survey_clear(&survey);
-    accuracy->is_reached =
-        status == AMB_OK && accuracy_stated(accuracy) <= (double)accuracy->target;
-    if (accuracy->limit[0] == '\0' && !accuracy->is_reached)
+    accuracy->is_reached = status == AMB_OK && accuracy->has_field &&
+                           accuracy_stated(accuracy) <= (double)accuracy->target;
+    if (!accuracy->has_field)
+        accuracy->limit = "light field: two levels of it exceed 2 GiB, its error is unknown";
+    else if (accuracy->limit[0] == '\0' && !accuracy->is_reached)
         accuracy->limit = is_tubes(render) ? "light field: tubes are refined no further"
-                                           : "light field: more volume samples take no memory";
+                                           : "light field: it holds no more volume samples";
     return status;
 }
 

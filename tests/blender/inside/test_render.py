@@ -237,7 +237,7 @@ def test_pictures_on_the_way(small, fake_library, monkeypatch, render_to):
     channels = render_to()
     # Depth is not switched on.
     assert shown[0] == "Combined" and sorted(shown[1:]) == [
-        "Combined", "Frequency", "Single Scattering", "Surface",
+        "Combined", "Error", "Frequency", "Single Scattering", "Surface",
     ]  # fmt: skip
     for name in ("Combined.R", "Surface.B", "Frequency.X"):
         assert np.array_equal(channels[f"ViewLayer.{name}"], grid()), name
@@ -308,6 +308,25 @@ def test_ball_orthographic(ball, real_library, render_to):
     _, (single, _) = check(render_to())
     # The ball covers the middle half of the image.
     assert single[:, 12, 7:17].min() > 0 and not single[:, 12, :5].any()
+
+
+def test_target_error(ball, real_library, render_to, tmp_path, capfd):
+    """F12 with a target: the Error pass, the figure in the report, in the file and on screen."""
+    ball.amberlight.accuracy = 0.04
+    ball.amberlight.report_path = str(tmp_path / "report.json")
+    ball.amberlight.exr_path = str(tmp_path / "own.exr")
+    channels = render_to()
+    error, glow = channels["ViewLayer.Error.X"], channels["ViewLayer.Combined.G"]
+    assert error.min() >= 0 and error[:, 12].max() > 0
+    accuracy = json.loads((tmp_path / "report.json").read_text())["accuracy"]
+    assert accuracy["reached"] is True and 0 < accuracy["stated"] <= accuracy["target"]
+    assert accuracy["target"] == pytest.approx(0.04)
+    # The pass is that figure, pixel by pixel: where the ball covers the image, about.
+    inside = (slice(8, 16), slice(8, 16))
+    assert np.sqrt(np.mean(error[inside] ** 2)) < 0.2 * glow[inside].mean()
+    data = (tmp_path / "own.exr").read_bytes()
+    assert b"ViewLayer.Error" in data and b'"stated": 0.0' in data
+    assert "Amberlight: error: " in capfd.readouterr().out
 
 
 def test_border_is_a_part_of_the_whole(ball, real_library, render_to):
