@@ -80,7 +80,8 @@ class StubRender:
             return {"scene": 0.01, "field": 0.1 * 4 ** p["tube_refinement"],
                     "camera": 0.2 * 2 ** p["tube_refinement"]}  # fmt: skip
         if self.name == "SPECULAR":
-            return {"scene": 0.01, "camera": 50.0}
+            rays = p["width"] * p["height"] * p["samples"]
+            return {"scene": 0.01, "camera": 50.0 * rays / (4 * SIZE**2)}
         count = p["light_samples"] / 8192
         return {"scene": 0.01, "light": 0.1 * count, "field": 0.1 * count,
                 "camera": 0.2 * count**0.5}  # fmt: skip
@@ -111,7 +112,10 @@ class StubRender:
         return {
             "threads": 2, "nonfinite": 0,
             "effects": [{"name": n, "simulated": n != skipped, "reason": ""} for n in names],
-            "stages": [{"name": n, "cpu_s": s} for n, s in self.stages().items()],
+            "stages": [
+                {"name": n, "cpu_s": s, "wall_s": s * self.scene.speed}
+                for n, s in self.stages().items()
+            ],
             "memory": {"field_bytes": 72 * elements, "light_bytes": 24 * elements},
             "light": {"volume_samples": elements},
         }  # fmt: skip

@@ -30,6 +30,8 @@ PASS = "Single Scattering"
 EFFECTS = _ffi.AMB_EFFECT_SINGLE_SCATTERING | _ffi.AMB_EFFECT_TRANSMITTED_LIGHT
 LEVELS = tuple(2**k for k in range(13, 24, 2))
 POLL_SECONDS = 0.05
+# A probe has a pixel for so many by so many.
+PROBE_DIVISOR = 8
 OUT_OF_TIME = "the time limit"
 
 
@@ -198,6 +200,24 @@ class Bench:
         if self.reference is not None:
             self._judge(row)
         return row
+
+    def _probe(self, setting: Setting, most: float) -> Steps:
+        """The wall seconds that a setting will take, from an image of a few of its rays; None if
+        even that takes more than `most`."""
+        width, height, samples = (self.params[name] for name in ("width", "height", "samples"))
+        few = {
+            "width": max(width // PROBE_DIVISOR, 1),
+            "height": max(height // PROBE_DIVISOR, 1),
+            "samples": 1,
+        }
+        shot = yield from self._render(
+            self.scene, {**setting.params, **few}, f"{setting}, a few rays", most=most
+        )
+        if shot is None:
+            return None
+        walls = {stage["name"]: stage["wall_s"] for stage in shot.report.get("stages", ())}
+        times = width * height * samples / (few["width"] * few["height"])
+        return sum(walls.values()) + (times - 1.0) * walls.get("camera", 0.0)
 
     def _compare_paths(self, setting: Setting) -> None:
         """What an estimator leaves out that points simulate is said."""

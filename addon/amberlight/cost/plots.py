@@ -37,6 +37,8 @@ IMAGE_GAP, TITLE = 0.12, 0.24
 DPI = 110
 # The 99th percentile of the reference is shown as white.
 WHITE_PERCENTILE = 99.0
+# A bar is cut where it is so many times longer than the second.
+LONGEST_BAR = 3.0
 # As in figures 9 to 11 of the paper.
 DIFFERENCE_FACTOR = 5.0
 
@@ -190,7 +192,10 @@ def _draw_memory(m: Measurement, axis: Any) -> None:
 def _draw_stages(m: Measurement, axis: Any, answers: Mapping[str, Any], title: str) -> None:
     names = list(answers)
     axis.set_title(title, loc="left", fontsize=11)
-    reach = max((p.total for p in answers.values() if not isinstance(p, NotReached)), default=1.0)
+    totals = sorted(p.total for p in answers.values() if not isinstance(p, NotReached))
+    reach = totals[-1] if totals else 1.0
+    if len(totals) > 1 and reach > LONGEST_BAR * totals[-2]:
+        reach = LONGEST_BAR * totals[-2]
     for y, (_, point) in enumerate(answers.items()):
         if isinstance(point, NotReached):
             axis.text(0.01 * reach, y, f"not reached: {point.reason}", va="center", fontsize=8,
@@ -198,13 +203,16 @@ def _draw_stages(m: Measurement, axis: Any, answers: Mapping[str, Any], title: s
             continue
         left = 0.0
         for stage in STAGES:
-            axis.barh(y, point.stages[stage], left=left, height=0.62, color=STAGE_COLOURS[stage])
+            shown = max(min(point.stages[stage], reach - left), 0.0)
+            axis.barh(y, shown, left=left, height=0.62, color=STAGE_COLOURS[stage])
             left += point.stages[stage]
         text = f" {tables.seconds(point.total)} s, {percent(getattr(point, m.metric))}"
-        axis.text(left, y, text, va="center", fontsize=8)
+        if left > reach:
+            text = f"{text}, not to scale"
+        axis.text(min(left, reach), y, text, va="center", fontsize=8)
     axis.set_yticks(range(len(names)), names, fontsize=8)
-    axis.invert_yaxis()
-    axis.set_xlim(0, 1.3 * reach)
+    axis.set_ylim(len(names) - 0.5, -0.5)
+    axis.set_xlim(0, 1.4 * reach)
     axis.set_xlabel("CPU s", fontsize=9)
     axis.tick_params(axis="x", labelsize=8)
     for side in ("top", "right"):
@@ -231,9 +239,9 @@ def _draw_images(m: Measurement, shown: Mapping[str, Row], place: Any) -> None:
         axis.set_title(title, fontsize=9, pad=3)
 
     show(place(0, 0), truth, f"reference: {m.reference.name}")
-    for column, (name, row) in enumerate(shown.items(), 1):
+    for column, row in enumerate(shown.values(), 1):
         image = m.image(row.setting)
-        show(place(column, 0), image, f"{name}\n{row.setting.budget}")
+        show(place(column, 0), image, str(row.setting).replace(", ", "\n", 1))
         difference = DIFFERENCE_FACTOR * np.abs(image - truth)
         text = f"difference x{DIFFERENCE_FACTOR:g}: {percent(row.error('rel_rmse'))} rel_rmse, "
         show(place(column, 1), difference, text + f"{tables.seconds(row.total)} s")

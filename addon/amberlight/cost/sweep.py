@@ -28,10 +28,10 @@ REFINEMENT_MAX = 3
 REFERENCE_KERNEL = 2.0
 
 # Shares of the time limit until which the reference and the sweep may begin another render; the
-# rest is for repeats, which make medians of single runs.
+# rest is for repeats, which make medians of single runs, where they are wanted.
 REFERENCE_SHARE = 0.35
 SWEEP_SHARE = 0.85
-SPECULAR_SHARE = 0.25
+SPECULAR_SHARE, PROBE_SHARE = 0.25, 0.05
 # What a four times larger budget costs at most, and tubes where that is not known yet.
 GROWTH_MAX, TUBE_GROWTH = 4.0, 3.0
 # Tubes that would take more memory than this are not tried.
@@ -52,10 +52,24 @@ class Sweep(Bench):
         yield from self._find_reference()
         for row in self.rows.values():
             self._judge(row)
-        yield from self._specular()
+        if not self._is_tried("SPECULAR"):
+            yield from self._specular(SPECULAR_SHARE)
         yield from self._sweep_points()
         yield from self._repeats()
         self.measurement = self._result()
+
+    @property
+    def _sweep_share(self) -> float:
+        return SWEEP_SHARE if self.options.repeats > 1 else 1.0
+
+    def _is_tried(self, estimator: str) -> bool:
+        """Whether it has a row, is the reference or is known to be missing."""
+        reference = self._known_reference().row
+        tried = {setting.estimator for setting in self.rows}
+        tried |= {item.what for item in self.missing}
+        return estimator in tried or (
+            reference is not None and reference.setting.estimator == estimator
+        )
 
     def _result(self) -> Measurement:
         reference = self._known_reference()
@@ -99,9 +113,11 @@ class Sweep(Bench):
             setting = Setting("TUBES", tube_refinement=refinement)
             growth = last[-1] / last[-2] if len(last) > 1 else TUBE_GROWTH
             predicted = last[-1] * min(max(growth, 2.0), GROWTH_MAX) if last else 0.0
-            share = SWEEP_SHARE if has_reference else REFERENCE_SHARE
             memory = GROWTH_MAX * self.rows[_coarser(setting)].field_bytes if last else 0
-            if memory > TUBE_BYTES_MAX or not self._fits(predicted, share):
+            if len(last) > 1 and not self._has_all_paths("TUBES"):
+                # What they leave out is all of their error.
+                return
+            if memory > TUBE_BYTES_MAX or not self._fits(predicted, REFERENCE_SHARE):
                 reason = "memory" if memory > TUBE_BYTES_MAX else OUT_OF_TIME
                 self.missing.append(Missing(f"TUBES from refinement {refinement} on", reason))
                 return
@@ -124,15 +140,11 @@ class Sweep(Bench):
         if tubes and self._has_all_paths("TUBES"):
             self._take_reference(tubes, "the next coarser tubes differ from it by")
             return
-        try:
-            setting = Setting("SPECULAR")
-            row = yield from self._measure(setting, most=self._part(REFERENCE_SHARE))
-            if row is not None and self._has_all_paths("SPECULAR"):
-                self._take_reference([setting], "")
-                return
-        except AmbUnsupported as error:
-            self.missing.append(Missing("SPECULAR", f"cannot render this: {error.message}"))
-        yield from self._points_reference()
+        row = yield from self._specular(REFERENCE_SHARE)
+        if row is not None and self._has_all_paths("SPECULAR"):
+            self._take_reference([row.setting], "")
+        else:
+            yield from self._points_reference()
 
     def _points_reference(self) -> Steps:
         """As many points as the time allows."""
@@ -142,7 +154,7 @@ class Sweep(Bench):
         for level in self.options.levels:
             setting = Setting("POINTS_COVARIANCE", level, REFERENCE_KERNEL)
             predicted = GROWTH_MAX * self.walls[settings[-1]] if settings else 0.0
-            if len(settings) > 1 and not self._fits(predicted, min(share, SWEEP_SHARE)):
+            if len(settings) > 1 and not self._fits(predicted, min(share, self._sweep_share)):
                 break
             row = yield from self._measure(setting)
             if row is None:
@@ -176,16 +188,20 @@ class Sweep(Bench):
 
     # ---- Rows ------------------------------------------------------------------------------------
 
-    def _specular(self) -> Steps:
-        """One row; in a scene without end it may take a quarter of the time."""
-        if any(item.what == "SPECULAR" for item in self.missing):
-            return
-        if self._known_reference().name == "SPECULAR":
-            return
+    def _specular(self, share: float) -> Steps:
+        """The one row of SPECULAR, if it fits into a share of the time; a picture of few rays
+        tells beforehand."""
+        setting = Setting("SPECULAR")
         try:
-            yield from self._measure(Setting("SPECULAR"), most=self._part(SPECULAR_SHARE))
+            seconds = yield from self._probe(setting, self._part(PROBE_SHARE))
+            limit = self._part(share)
+            if seconds is not None and (limit <= 0.0 or seconds <= limit):
+                return (yield from self._measure(setting, most=limit))
+            about = "" if seconds is None else f", it would take some {seconds:.0f} s"
+            self.missing.append(Missing("SPECULAR", OUT_OF_TIME + about))
         except AmbUnsupported as error:
             self.missing.append(Missing("SPECULAR", f"cannot render this: {error.message}"))
+        return None
 
     def _sweep_points(self) -> Steps:
         tuned = yield from self._rounds()
@@ -208,7 +224,7 @@ class Sweep(Bench):
                 break
             # Both or none: a budget that one has and the other lacks would favour it.
             first = sum(self._predict(Setting(e, level, start[e])) for e in POINTS)
-            if not self._fits(first, SWEEP_SHARE):
+            if not self._fits(first, self._sweep_share):
                 self.missing.append(Missing(f"points from {level} samples on", OUT_OF_TIME))
                 break
             done = yield from self._level(level, start)
@@ -232,7 +248,7 @@ class Sweep(Bench):
                     continue
                 setting = Setting(estimator, level, KERNELS[index])
                 row = None
-                if setting in self.rows or self._fits(self._predict(setting), SWEEP_SHARE):
+                if setting in self.rows or self._fits(self._predict(setting), self._sweep_share):
                     row = yield from self._measure(setting)
                 if row is None:
                     what = f"more kernels of {estimator}, {level} samples"
