@@ -112,10 +112,7 @@ class StubRender:
         return {
             "threads": 2, "nonfinite": 0,
             "effects": [{"name": n, "simulated": n != skipped, "reason": ""} for n in names],
-            "stages": [
-                {"name": n, "cpu_s": s, "wall_s": s * self.scene.speed}
-                for n, s in self.stages().items()
-            ],
+            "stages": [{"name": n, "cpu_s": s} for n, s in self.stages().items()],
             "memory": {"field_bytes": 72 * elements, "light_bytes": 24 * elements},
             "light": {"volume_samples": elements},
         }  # fmt: skip

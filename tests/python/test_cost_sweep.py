@@ -18,7 +18,7 @@ from cost_stub import BEST_KERNEL, NOISE, SIZE, TRUTH, Clock, StubScene, render_
 from test_handles import scene_data
 
 NO_SPECULAR = {"SPECULAR": "not available"}
-NO_TUBES = {"TUBES": "a lamp has an extent", **NO_SPECULAR}
+NO_TUBES = {"TUBES": "estimator TUBES cannot render this: a lamp has an extent", **NO_SPECULAR}
 LEVELS = (8192, 32768, 131072)
 FREE = Options(0.0, 1, levels=LEVELS)
 

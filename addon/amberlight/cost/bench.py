@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..binding import _ffi
-from ..binding.errors import AmberlightError
+from ..binding.errors import AmberlightError, AmbUnsupported
 from . import metrics
 from .measurement import Reference
 from .references import ImageReference
@@ -215,9 +215,20 @@ class Bench:
         )
         if shot is None:
             return None
-        walls = {stage["name"]: stage["wall_s"] for stage in shot.report.get("stages", ())}
+        run = read_run(shot.report, 0.0)
         times = width * height * samples / (few["width"] * few["height"])
-        return sum(walls.values()) + (times - 1.0) * walls.get("camera", 0.0)
+        # So few rays are no work for all threads: how many the machine gives a long render tells
+        # wall seconds from CPU seconds.
+        longest = max(self.rows, key=lambda known: self.walls[known])
+        spent = self.rows[longest].runs[0].total - self.scene_once
+        share = self.walls[longest] / max(spent, 1e-9)
+        return share * (run.total + (times - 1.0) * run.stages["camera"])
+
+    def _refuse(self, estimator: str, error: AmbUnsupported) -> None:
+        """An estimator that cannot render the scene is a line of the report."""
+        cannot = "cannot render this: "
+        reason = error.message.removeprefix(f"estimator {estimator} ").removeprefix(cannot)
+        self.missing.append(Missing(estimator, cannot + reason))
 
     def _compare_paths(self, setting: Setting) -> None:
         """What an estimator leaves out that points simulate is said."""

@@ -32,6 +32,9 @@ REFERENCE_KERNEL = 2.0
 REFERENCE_SHARE = 0.35
 SWEEP_SHARE = 0.85
 SPECULAR_SHARE, PROBE_SHARE = 0.25, 0.05
+# Of one render of points as the reference: their rows, of a quarter of its samples and less with
+# some kernels each, take twice as long as it.
+POINTS_SHARE = 0.3
 # What a four times larger budget costs at most, and tubes where that is not known yet.
 GROWTH_MAX, TUBE_GROWTH = 4.0, 3.0
 # Tubes that would take more memory than this are not tried.
@@ -124,7 +127,7 @@ class Sweep(Bench):
             try:
                 row = yield from self._measure(setting)
             except AmbUnsupported as error:
-                self.missing.append(Missing("TUBES", f"cannot render this: {error.message}"))
+                self._refuse("TUBES", error)
                 return
             if row is None:
                 return
@@ -149,12 +152,12 @@ class Sweep(Bench):
     def _points_reference(self) -> Steps:
         """As many points as the time allows."""
         settings: list[Setting] = []
-        limit = self.options.time_limit
-        share = REFERENCE_SHARE + (self.elapsed / limit if limit > 0.0 else 0.0)
+        limit = self._part(POINTS_SHARE)
         for level in self.options.levels:
             setting = Setting("POINTS_COVARIANCE", level, REFERENCE_KERNEL)
             predicted = GROWTH_MAX * self.walls[settings[-1]] if settings else 0.0
-            if len(settings) > 1 and not self._fits(predicted, min(share, self._sweep_share)):
+            fits = self._fits(predicted, self._sweep_share) and not 0.0 < limit < predicted
+            if len(settings) > 1 and not fits:
                 break
             row = yield from self._measure(setting)
             if row is None:
@@ -200,7 +203,7 @@ class Sweep(Bench):
             about = "" if seconds is None else f", it would take some {seconds:.0f} s"
             self.missing.append(Missing("SPECULAR", OUT_OF_TIME + about))
         except AmbUnsupported as error:
-            self.missing.append(Missing("SPECULAR", f"cannot render this: {error.message}"))
+            self._refuse("SPECULAR", error)
         return None
 
     def _sweep_points(self) -> Steps:
