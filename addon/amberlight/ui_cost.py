@@ -10,6 +10,14 @@ import bpy
 from .ui import _Panel
 
 
+def short_name(row: Any) -> str:
+    """A row in the width of a narrow panel: Fixed 512k 0.5."""
+    name = row.estimator.removeprefix("POINTS_").capitalize()
+    if row.light_samples:
+        return f"{name} {row.light_samples / 1024:g}k {row.kernel_size:g}"
+    return f"{name} {row.tube_refinement}" if row.estimator == "TUBES" else name
+
+
 class AMBERLIGHT_UL_cost_rows(bpy.types.UIList):
     """Estimator, budget, CPU seconds, error; the best of each estimator has a mark."""
 
@@ -18,11 +26,9 @@ class AMBERLIGHT_UL_cost_rows(bpy.types.UIList):
         active_name: str, index: int = 0, flag: int = 0,
     ) -> None:  # fmt: skip
         mark = "SOLO_ON" if item.is_best else "BLANK1"
-        split = layout.split(factor=0.62)
-        split.label(text=f"{item.estimator} {item.budget}", icon=mark)
-        row = split.row()
-        row.label(text=f"{item.total:.3g} s")
-        row.label(text=f"{100 * item.error:.3g} %")
+        split = layout.split(factor=0.5)
+        split.label(text=short_name(item), icon=mark)
+        split.label(text=f"{item.total:.2g} s, {100 * item.error:.2g} %")
 
 
 class AMBERLIGHT_RENDER_PT_cost(_Panel, bpy.types.Panel):
@@ -44,6 +50,16 @@ class AMBERLIGHT_RENDER_PT_cost(_Panel, bpy.types.Panel):
             self.layout.label(text=state.text)
         if state.rows:
             self.layout.template_list("AMBERLIGHT_UL_cost_rows", "", state, "rows", state, "active")
+            if 0 <= state.active < len(state.rows):
+                row = state.rows[state.active]
+                col = self.layout.column(align=True)
+                for text in (
+                    row.estimator,
+                    row.budget,
+                    f"{row.total:.3g} CPU s, {100 * row.error:.3g} %",
+                ):
+                    if text:
+                        col.label(text=text)
             # The active row; the default of the operator may be a row that was applied before.
             self.layout.operator("amberlight.apply_cost_row").index = -1
 
