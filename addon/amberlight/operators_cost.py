@@ -242,7 +242,9 @@ class AMBERLIGHT_OT_apply_cost_row(bpy.types.Operator):
 
 
 def apply_row(settings: Any, row: Any) -> None:
-    """Budgets that do not belong to the estimator keep their values, as does the accuracy."""
+    """Budgets that do not belong to the estimator keep their values. A target accuracy, which would
+    choose others, is switched off."""
+    settings.accuracy = 0.0
     settings.estimator = row.estimator
     if row.light_samples:
         settings.light_samples = row.light_samples

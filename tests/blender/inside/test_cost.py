@@ -181,10 +181,12 @@ def add_rows():
 def test_apply_row(scene):
     add_rows()
     ours = scene.amberlight
-    ours.tube_refinement = 1
+    ours.tube_refinement, ours.accuracy = 1, 0.05
     assert bpy.ops.amberlight.apply_cost_row(index=0) == {"FINISHED"}
     applied = (ours.estimator, ours.light_samples, ours.kernel_size, ours.tube_refinement)
     assert applied == ("POINTS_FIXED", 32768, 0.25, 1)
+    # A target would choose the refinement and the samples itself.
+    assert ours.accuracy == 0
     # Without an index it is the active row; what tubes do not use stays.
     state().active = 1
     assert bpy.ops.amberlight.apply_cost_row() == {"FINISHED"}
@@ -214,12 +216,14 @@ def test_request_renders_what_the_scene_renders(small, real_library, tmp_path):
     """The settings of the scene but for those that are swept."""
     ours = small.amberlight
     ours.light_bounces, ours.adjoint_normals, ours.seed, ours.samples = 2, False, 9, 77
+    ours.accuracy = 0.02
     exported = export_for_render(small, "ViewLayer")
     small.amberlight_cost.size = 12
     request = operators_cost.cost_request(small, exported, "name", tmp_path)
     params = request.params
     assert (params["light_bounces"], params["adjoint_normals"], params["seed"]) == (2, 0, 9)
     assert (params["width"], params["height"], params["samples"]) == (12, 8, 4)
+    assert params["accuracy"] == 0
     assert request.options.time_limit == 300.0
     np.save(tmp_path / "a.npy", np.ones((16, 24, 3)))
     small.amberlight_cost.reference = str(tmp_path / "a.npy")
