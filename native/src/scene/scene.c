@@ -282,6 +282,11 @@ static Vec3 interpolate(const Vec3 v[3], const Hit *hit) {
     return vec3_madd(vec3_madd(vec3_scale(v[0], w), hit->u, v[1]), hit->v, v[2]);
 }
 
+Vec3 scene_position(const AmbScene *scene, const Hit *hit) {
+    const Triangle triangle = triangle_at(scene, hit);
+    return interpolate(triangle.p, hit);
+}
+
 SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit) {
     const SceneObject *object = &scene->objects[hit->geometry];
     const SceneMesh *mesh = &scene->meshes[object->mesh];

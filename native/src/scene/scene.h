@@ -96,7 +96,12 @@ bool scene_intersect(const AmbScene *scene, Vec3 p, Vec3 d, float t_max, Hit *ou
 /* Whether anything lies between. */
 bool scene_is_occluded(const AmbScene *scene, Vec3 p, Vec3 d, float t_max);
 
+/* The point is a millionth inside of the triangle's edges: a path that goes on from it does not
+ * slip between two triangles. */
 SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit);
+
+/* Exactly at u, v: the same bits for neighbours that share a corner or the middle of an edge. */
+Vec3 scene_position(const AmbScene *scene, const Hit *hit);
 
 /* Derivative of the shading normal at a hit for a displacement dp in the triangle's plane. */
 Vec3 scene_normal_derivative(const AmbScene *scene, const Hit *hit, Vec3 dp);

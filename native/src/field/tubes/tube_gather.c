@@ -3,8 +3,6 @@
  * AMB_TUBE_GATHER set to the name of the variant. */
 #include "field/tubes/tube_gather.h"
 
-#include <stddef.h>
-
 #include "math/lanes.h"
 #include "optics/medium_lanes.h"
 
@@ -12,9 +10,11 @@
 #error "AMB_TUBE_GATHER names the variant"
 #endif
 
-_Static_assert((int)TUBE_LANES == (int)LANE_COUNT, "a block fills one vector");
+_Static_assert((int)TUBE_LANES == (int)LANE_COUNT, "the children of a node fill one vector");
+_Static_assert((int)PATCH_CORNERS == 2 * (int)LANE_COUNT, "lookups choose among two vectors");
+_Static_assert((int)PATCH_TUBES == 2 * (int)LANE_COUNT, "and so do lists of tubes");
 
-enum { STACK_MAX = TUBE_LEVEL_MAX * (LANE_COUNT - 1) + 1 };
+enum { STACK_MAX = TUBE_LEVEL_MAX * (LANE_COUNT - 1) + 1 + LANE_COUNT };
 
 /* sin^2 between a light line and the camera ray below which they count as parallel: their meeting
  * point is then known to no digit, and a smaller number would overflow. */
@@ -38,10 +38,6 @@ typedef struct Sums {
     Lanes frequency;
 } Sums;
 
-static inline Lanes3 load3(const float v[3][LANE_COUNT]) {
-    return (Lanes3){lanes_load(v[0]), lanes_load(v[1]), lanes_load(v[2])};
-}
-
 static inline Lanes3 set3(Vec3 v) {
     return (Lanes3){lanes_set(v.x), lanes_set(v.y), lanes_set(v.z)};
 }
@@ -54,6 +50,10 @@ static inline Lanes3 scale3(Lanes3 a, Lanes s) {
     return (Lanes3){a.x * s, a.y * s, a.z * s};
 }
 
+static inline Lanes3 add3(Lanes3 a, Lanes3 b) {
+    return (Lanes3){a.x + b.x, a.y + b.y, a.z + b.z};
+}
+
 static inline Lanes3 lerp3(Lanes3 a, Lanes3 b, Lanes q) {
     return (Lanes3){a.x + q * (b.x - a.x), a.y + q * (b.y - a.y), a.z + q * (b.z - a.z)};
 }
@@ -64,6 +64,11 @@ static inline Lanes dot3(Lanes3 a, Lanes3 b) {
 
 static inline Lanes3 cross3(Lanes3 a, Lanes3 b) {
     return (Lanes3){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+/* Not a number for the zero vector. */
+static inline Lanes3 normalize3(Lanes3 a) {
+    return scale3(a, 1.0f / lanes_sqrt(dot3(a, a)));
 }
 
 static inline Lanes abs_lanes(Lanes v) {
@@ -98,31 +103,41 @@ static inline uint32_t children_hit(const TubeNode *node, const Query *q) {
     return lanes_bits(lines & places);
 }
 
-/* A line x + s w of a tube (w about unit) and the place where it meets the camera ray at
+/* A line from + s w (w about unit, from relative to the camera ray's o) and the place where it
+ * meets the ray at
  *   t = along / over, s = depth / over,
- * as seen along n: divisions come last, so that all three stay linear along a chord. */
+ * as seen along n, with turned = n x d: divisions come last, so that all three stay linear along a
+ * chord. */
 typedef struct Meeting {
-    Lanes3 from, w; /* from = x - o */
+    Lanes3 from, w;
     Lanes along, depth, over;
 } Meeting;
 
-static inline void meet(Meeting *m, Lanes3 d, Lanes3 n) {
-    m->over = dot3(cross3(d, m->w), n);
+static inline void meet(Meeting *m, Lanes3 n, Lanes3 turned) {
+    m->over = dot3(m->w, turned);
     m->along = dot3(cross3(m->from, m->w), n);
-    m->depth = dot3(cross3(m->from, d), n);
+    m->depth = -dot3(m->from, turned);
 }
 
-/* Restricts [q0, q1] to where a function that is linear on [0, 1] and has values a and b at its
- * ends is positive. */
-static inline void clip(Lanes a, Lanes b, Lanes *q0, Lanes *q1) {
+/* Restricts [q0, q1] to where functions that are linear on [0, 1] and have values a and b at its
+ * ends are all positive. */
+enum { CLIP_COUNT = 4 };
+static inline void clip(const Lanes a[CLIP_COUNT], const Lanes b[CLIP_COUNT], Lanes *q0,
+                        Lanes *q1) {
     const Lanes zero = lanes_set(0.0f), one = lanes_set(1.0f);
-    const LaneMask in_a = a > 0.0f, in_b = b > 0.0f;
-    const LaneMask changes = in_a != in_b;
-    if (lanes_bits(changes | ~in_a) == 0)
+    *q0 = zero;
+    *q1 = one;
+    Lanes least = lanes_min(a[0], b[0]);
+    for (int i = 1; i < CLIP_COUNT; ++i)
+        least = lanes_min(least, lanes_min(a[i], b[i]));
+    if (lanes_bits(least > 0.0f) == LANES_ALL)
         return; /* inside at both ends, everywhere */
-    const Lanes cut = a / lanes_select(changes, a - b, one);
-    *q0 = lanes_max(*q0, lanes_select(in_a, zero, lanes_select(in_b, cut, one)));
-    *q1 = lanes_min(*q1, lanes_select(in_b, one, lanes_select(in_a, cut, zero)));
+    for (int i = 0; i < CLIP_COUNT; ++i) {
+        const LaneMask in_a = a[i] > 0.0f, in_b = b[i] > 0.0f;
+        const Lanes cut = a[i] / lanes_select(in_a != in_b, a[i] - b[i], one);
+        *q0 = lanes_max(*q0, lanes_select(in_a, zero, lanes_select(in_b, cut, one)));
+        *q1 = lanes_min(*q1, lanes_select(in_b, one, lanes_select(in_a, cut, zero)));
+    }
 }
 
 /* Mean of exp(-sigma_t path) over a stretch of a chord along which path changes by `change`, over
@@ -140,178 +155,522 @@ static inline Lanes swing(float sigma_t, Lanes change) {
     return lanes_select(is_thick, thick, thin);
 }
 
-/* Tubes that the zero curve crosses, waiting for others: a block has about three, and vectors are
- * best full. Rows are those of TubeBlock, then f at the corners. Enough of them wait that what is
- * taken out has long been written. */
-enum {
-    BLOCK_ROWS = sizeof(TubeBlock) / (TUBE_LANES * sizeof(float)),
-    ROWS = BLOCK_ROWS + 3,
-    QUEUE_FULL = 4 * LANE_COUNT,
-    QUEUE_ROOM = QUEUE_FULL + LANE_COUNT
-};
-typedef struct Queue {
-    float rows[ROWS][QUEUE_ROOM];
-    uint32_t count;
-} Queue;
-
-enum { /* rows of members of TubeBlock */
-       ROW_X = offsetof(TubeBlock, x) / (TUBE_LANES * sizeof(float)),
-       ROW_W = offsetof(TubeBlock, w) / (TUBE_LANES * sizeof(float)),
-       ROW_LIMIT = offsetof(TubeBlock, limit) / (TUBE_LANES * sizeof(float)),
-       ROW_FLUX = offsetof(TubeBlock, flux) / (TUBE_LANES * sizeof(float)),
-       ROW_COLOR = offsetof(TubeBlock, color) / (TUBE_LANES * sizeof(float)),
-       ROW_SPREAD = offsetof(TubeBlock, spread) / (TUBE_LANES * sizeof(float)),
-       ROW_F = BLOCK_ROWS
-};
-
-/* Eight tubes of the queue. */
-typedef struct Batch {
-    const Queue *queue;
-    uint32_t first;
-} Batch;
-
-static inline Lanes row(const Batch *batch, int r) {
-    return lanes_load(batch->queue->rows[r] + batch->first);
-}
-
-/* Sum of a member's values at the corners with weights. */
-static inline Lanes mix(const Batch *batch, int r, const Lanes weight[3]) {
-    return weight[0] * row(batch, r) + weight[1] * row(batch, r + 1) +
-           weight[2] * row(batch, r + 2);
-}
-
-static inline Lanes3 mix3(const Batch *batch, int r, const Lanes weight[3]) {
-    Lanes out[3];
-    for (int a = 0; a < 3; ++a)
-        out[a] = weight[0] * row(batch, r + a) + weight[1] * row(batch, r + 3 + a) +
-                 weight[2] * row(batch, r + 6 + a);
-    return (Lanes3){out[0], out[1], out[2]};
-}
-
-/* Adds the tubes of a block that the zero curve crosses to the queue. */
-static inline void find_crossings(const TubeBlock *block, const Query *q, Queue *queue) {
-    const Lanes3 d = set3(q->d), o = set3(q->o);
+/* Eight tubes: what their corners hold, f there, and how often they were quartered. Normals are
+ * interpolated before they are made unit, so parts need to know how long they were. */
+enum { ROW_START = CORNER_SIZE, ROW_NORMAL_LENGTH, CORNER_ROWS };
+typedef struct Tubes {
+    Lanes rows[3][CORNER_ROWS];
     Lanes f[3];
-    LaneMask is_positive[3];
+    Lanes level;
+} Tubes;
+
+/* Tubes wait for others, because vectors are best full. */
+enum {
+    QUEUE_FULL = 4 * LANE_COUNT,
+    CROSSED_ROOM = QUEUE_FULL + 2 * LANE_COUNT, /* one patch more, written eight at a time */
+    /* What quartering adds, see empty_queues. Not a power of two: rows would displace each other
+     * from the cache. */
+    LOOSE_ROOM = 264
+};
+
+/* Tubes of patches that the zero curve crosses, their first corner the one on the other side of it:
+ * the numbers of the corners among those of all patches, and f there. */
+typedef struct CrossedQueue {
+    uint32_t corners[3][CROSSED_ROOM];
+    float f[3][CROSSED_ROOM];
+    uint32_t count;
+} CrossedQueue;
+
+/* Tubes by themselves. */
+typedef struct LooseQueue {
+    float rows[3 * CORNER_ROWS + 4][LOOSE_ROOM];
+    uint32_t count;
+} LooseQueue;
+
+typedef struct Queues {
+    CrossedQueue crossed;
+    LooseQueue parts; /* crossed in the same sense, parts of quartered ones */
+    LooseQueue bent;  /* to be looked at more closely */
+} Queues;
+
+/* How often a tube is quartered at most: the gain of each level is a quarter of the last one's. */
+enum { LEVEL_MAX = 7 };
+/* How far f may be from linear anywhere, in units of how far it is at most in the middle of an
+ * edge: 4/3 in the triangle's middle if it is quadratic. */
+static const float BULGE = 4.0f / 3.0f;
+
+/* From the end of the queue, eight or what there is; other lanes are zero. */
+static inline uint32_t take_loose(LooseQueue *queue, Tubes *out) {
+    const uint32_t count = queue->count < LANE_COUNT ? queue->count : LANE_COUNT;
+    queue->count -= count;
+    const LaneMask is_there = lanes_below(count);
+    const Lanes zero = lanes_set(0.0f);
     for (int k = 0; k < 3; ++k) {
-        const Lanes3 from = sub3(load3(block->x[k]), o);
-        Lanes3 w = load3(block->w[k]);
-        /* w x d = (w - d) x d = (w + d) x d: with the smaller of the two, directions that are
-         * nearly parallel keep their digits. */
-        const Lanes side = lanes_select(dot3(w, d) < 0.0f, lanes_set(-1.0f), lanes_set(1.0f));
-        w = sub3(w, scale3(d, side));
-        f[k] = dot3(from, cross3(w, d));
-        is_positive[k] = f[k] > 0.0f;
+        for (int r = 0; r < CORNER_ROWS; ++r)
+            out->rows[k][r] = lanes_select(
+                is_there, lanes_load(queue->rows[k * CORNER_ROWS + r] + queue->count), zero);
+        out->f[k] = lanes_select(is_there,
+                                 lanes_load(queue->rows[3 * CORNER_ROWS + k] + queue->count), zero);
     }
-    const uint32_t bits =
-        lanes_bits((is_positive[0] != is_positive[1]) | (is_positive[0] != is_positive[2]));
-    if (bits == 0)
-        return;
-    const LanePack pack = lanes_pack_for(bits);
-    const float(*rows)[LANE_COUNT] = (const float(*)[LANE_COUNT])block;
-    float *out = queue->rows[0] + queue->count;
-    for (int r = 0; r < BLOCK_ROWS; ++r)
-        lanes_pack(out + r * QUEUE_ROOM, lanes_load(rows[r]), &pack);
-    for (int k = 0; k < 3; ++k)
-        lanes_pack(out + (ROW_F + k) * QUEUE_ROOM, f[k], &pack);
-    queue->count += (uint32_t)__builtin_popcount(bits);
+    out->level =
+        lanes_select(is_there, lanes_load(queue->rows[3 * CORNER_ROWS + 3] + queue->count), zero);
+    return count;
 }
 
-/* Adds what the tubes of a batch send along the segment. A lane whose f does not change its sign
- * counts for nothing. */
-static inline void gather_batch(const Batch *batch, const Medium *medium, const Query *q,
-                                Sums *sums) {
-    const Lanes zero = lanes_set(0.0f), one = lanes_set(1.0f);
-    const Lanes3 d = set3(q->d), o = set3(q->o);
-    const Lanes f[3] = {row(batch, ROW_F), row(batch, ROW_F + 1), row(batch, ROW_F + 2)};
-    const LaneMask is_positive[3] = {f[0] > 0.0f, f[1] > 0.0f, f[2] > 0.0f};
-    /* The corner whose sign differs. */
-    const LaneMask odd[3] = {
-        (is_positive[0] != is_positive[1]) & (is_positive[0] != is_positive[2]),
-        (is_positive[1] != is_positive[2]) & (is_positive[1] != is_positive[0]),
-        (is_positive[2] != is_positive[0]) & (is_positive[2] != is_positive[1])};
-    LaneMask is_hit = odd[0] | odd[1] | odd[2];
-    Lanes ahead[3]; /* f of the odd corner and of the two after it */
-    for (int k = 0; k < 3; ++k)
-        ahead[k] = lanes_select(odd[0], f[k], lanes_select(odd[1], f[(k + 1) % 3], f[(k + 2) % 3]));
-    const Lanes gap_b = lanes_select(is_hit, ahead[0] - ahead[1], one);
-    const Lanes gap_c = lanes_select(is_hit, ahead[0] - ahead[2], one);
-    const Lanes cut_b = ahead[0] / gap_b, cut_c = ahead[0] / gap_c;
-    const Lanes density = 2.0f * cut_b / abs_lanes(gap_c);
-
-    /* Where the zero curve enters the triangle and where it leaves, in barycentric weights. */
-    Lanes weight_b[3], weight_c[3];
+static inline void add_loose(const Tubes *tubes, uint32_t bits, LooseQueue *queue) {
+    const LanePack pack = lanes_pack_for(bits);
+    const uint32_t end = queue->count;
     for (int k = 0; k < 3; ++k) {
-        const int before = (k + 2) % 3, after = (k + 1) % 3;
-        weight_b[k] = lanes_select(odd[k], 1.0f - cut_b, lanes_select(odd[before], cut_b, zero));
-        weight_c[k] = lanes_select(odd[k], 1.0f - cut_c, lanes_select(odd[after], cut_c, zero));
+        for (int r = 0; r < CORNER_ROWS; ++r)
+            lanes_pack(queue->rows[k * CORNER_ROWS + r] + end, tubes->rows[k][r], &pack);
+        lanes_pack(queue->rows[3 * CORNER_ROWS + k] + end, tubes->f[k], &pack);
     }
-    Meeting b = {.from = sub3(mix3(batch, ROW_X, weight_b), o), .w = mix3(batch, ROW_W, weight_b)};
-    Meeting c = {.from = sub3(mix3(batch, ROW_X, weight_c), o), .w = mix3(batch, ROW_W, weight_c)};
-    Lanes3 n = cross3(d, lerp3(b.w, c.w, lanes_set(0.5f)));
-    meet(&b, d, n);
-    meet(&c, d, n);
+    lanes_pack(queue->rows[3 * CORNER_ROWS + 3] + end, tubes->level, &pack);
+    queue->count = end + (uint32_t)__builtin_popcount(bits);
+}
+
+/* Corners of eight tubes by their numbers among all patches. */
+static inline void load_corners(const TubeTree *tree, const uint32_t numbers[LANE_COUNT],
+                                Lanes rows[CORNER_ROWS]) {
+    float starts[LANE_COUNT];
+    for (int i = 0; i < LANE_COUNT; ++i) {
+        const TubePatch *patch = &tree->patches[numbers[i] / PATCH_CORNERS];
+        rows[i] = lanes_load(patch->corners[numbers[i] % PATCH_CORNERS]);
+        starts[i] = patch->starts[numbers[i] % PATCH_CORNERS];
+    }
+    lanes_transpose(rows);
+    rows[ROW_START] = lanes_load(starts);
+    rows[ROW_NORMAL_LENGTH] = lanes_set(1.0f);
+}
+
+static inline uint32_t take_crossed(const TubeTree *tree, CrossedQueue *queue, Tubes *out) {
+    const uint32_t count = queue->count < LANE_COUNT ? queue->count : LANE_COUNT;
+    queue->count -= count;
+    for (int k = 0; k < 3; ++k) {
+        for (uint32_t i = queue->count + count; i < queue->count + LANE_COUNT; ++i) {
+            queue->corners[k][i] = 0;
+            queue->f[k][i] = 0.0f;
+        }
+        load_corners(tree, queue->corners[k] + queue->count, out->rows[k]);
+        out->f[k] = lanes_load(queue->f[k] + queue->count);
+    }
+    return count;
+}
+
+static inline Lanes3 row3(const Tubes *tubes, int corner, int r) {
+    const Lanes *rows = tubes->rows[corner] + r;
+    return (Lanes3){rows[0], rows[1], rows[2]};
+}
+
+/* f of the light line from + s w, where across = d x from. */
+static inline Lanes line_f(Lanes3 across, Lanes3 w, Lanes3 d) {
+    /* w . (d x from) = (w - d) . (d x from) = (w + d) . (d x from): with the smaller of the two,
+     * directions that are nearly parallel keep their digits. */
+    const Lanes side = lanes_sign(dot3(w, d));
+    return dot3(sub3(w, scale3(d, side)), across);
+}
+
+static inline Lanes min_of(const Lanes f[3]) {
+    return lanes_min(lanes_min(f[0], f[1]), f[2]);
+}
+
+static inline Lanes max_of(const Lanes f[3]) {
+    return lanes_max(lanes_max(f[0], f[1]), f[2]);
+}
+
+/* Which corner is on the other side of zero than the two others; corner 2 if none is. */
+typedef struct Odd {
+    LaneMask is_first, is_second;
+} Odd;
+
+static inline Odd odd_corner(const Lanes f[3]) {
+    const LaneMask p0 = f[0] > 0.0f, p1 = f[1] > 0.0f, p2 = f[2] > 0.0f;
+    return (Odd){(p0 != p1) & (p0 != p2), (p1 != p2) & (p1 != p0)};
+}
+
+/* The value of corner k, counted from the odd one. */
+static inline Lanes turn(const Odd *odd, int k, Lanes v0, Lanes v1, Lanes v2) {
+    const Lanes v[3] = {v0, v1, v2};
+    return lanes_select(odd->is_first, v[k],
+                        lanes_select(odd->is_second, v[(k + 1) % 3], v[(k + 2) % 3]));
+}
+
+/* Puts the odd corner first. */
+static inline void turn_tubes(const Tubes *tubes, Tubes *out) {
+    const Odd odd = odd_corner(tubes->f);
+    for (int k = 0; k < 3; ++k) {
+        for (int r = 0; r < CORNER_ROWS; ++r)
+            out->rows[k][r] =
+                turn(&odd, k, tubes->rows[0][r], tubes->rows[1][r], tubes->rows[2][r]);
+        out->f[k] = turn(&odd, k, tubes->f[0], tubes->f[1], tubes->f[2]);
+    }
+    out->level = tubes->level;
+}
+
+/* Patches that the segment may meet, and those of them with tubes that the curve may touch. What
+ * is found next depends on no branch: a wrong guess would cost more than the work. */
+enum { PATCHES_FULL = 64, PATCHES_ROOM = PATCHES_FULL + LANE_COUNT };
+typedef struct Patches {
+    uint32_t found[PATCHES_ROOM], found_count;
+    uint32_t touched[PATCHES_ROOM], touched_count;
+    uint32_t tubes[PATCHES_ROOM];         /* of those touched, bits */
+    float bulges[PATCHES_ROOM];           /* m^2: f may be so far from linear in them */
+    float f[PATCHES_ROOM][PATCH_CORNERS]; /* at their corners */
+} Patches;
+
+/* f at the corners of a patch whose light runs nearly along the ray. */
+static inline void near_parallel_f(const TubePatch *patch, const Query *q, Lanes out[2]) {
+    const Lanes3 d = set3(q->d), o = set3(q->o);
+    for (int h = 0; h < 2; ++h) {
+        Lanes rows[CORNER_SIZE];
+        for (int i = 0; i < LANE_COUNT; ++i)
+            rows[i] = lanes_load(patch->corners[h * LANE_COUNT + i]);
+        lanes_transpose(rows);
+        const Lanes3 x = {rows[CORNER_X], rows[CORNER_X + 1], rows[CORNER_X + 2]};
+        const Lanes3 w = {rows[CORNER_W], rows[CORNER_W + 1], rows[CORNER_W + 2]};
+        out[h] = line_f(cross3(d, sub3(x, o)), w, d);
+    }
+}
+
+/* Cosine between light and ray beyond which f is a difference of large numbers in Pluecker
+ * coordinates. */
+static const float PARALLEL_COS = 0.98f;
+
+/* Keeps of the patches found those that are touched. */
+static inline void touch_patches(const TubeTree *tree, const Query *q, Patches *patches) {
+    const float line[LINE_AXES] = {q->d.x,       q->d.y,       q->d.z,
+                                   q->moment[0], q->moment[1], q->moment[2]};
+    uint32_t touched = 0;
+    for (uint32_t i = 0; i < patches->found_count; ++i) {
+        const TubePatch *patch = &tree->patches[patches->found[i]];
+        Lanes values[2];
+        if (fabsf(vec3_dot(vec3_from(patch->corners[0] + CORNER_W), q->d)) > PARALLEL_COS) {
+            near_parallel_f(patch, q, values);
+        } else {
+            for (int h = 0; h < 2; ++h) {
+                values[h] = lanes_set(0.0f);
+                for (int a = 0; a < LINE_AXES; ++a)
+                    values[h] += line[a] * lanes_load(patch->lines[a] + h * LANE_COUNT);
+            }
+        }
+        for (int h = 0; h < 2; ++h)
+            lanes_store(patches->f[touched] + h * LANE_COUNT, values[h]);
+        /* No corner is farther from the ray. */
+        const float reach =
+            vec3_length(vec3_cross(vec3_sub(patch->center, q->o), q->d)) + patch->radius;
+        const float bulge = patch->bulge * reach;
+        const uint32_t above = lanes_bits(values[0] > -bulge) | lanes_bits(values[1] > -bulge)
+                                                                    << LANE_COUNT;
+        const uint32_t below = lanes_bits(values[0] < bulge) | lanes_bits(values[1] < bulge)
+                                                                   << LANE_COUNT;
+        const uint32_t tubes = words_meeting(patch->masks, above, below);
+        patches->touched[touched] = patches->found[i];
+        patches->tubes[touched] = tubes;
+        patches->bulges[touched] = bulge;
+        touched += tubes != 0;
+    }
+    patches->touched_count = touched;
+    patches->found_count = 0;
+}
+
+/* Adds the tubes of a touched patch that the zero curve crosses, and those that it may touch. */
+static inline void find_crossings(const TubeTree *tree, uint32_t p, uint32_t tubes, float bulge,
+                                  const float f[PATCH_CORNERS], Queues *queues) {
+    const TubePatch *patch = &tree->patches[p];
+    const ByteList list = list_bits(tubes);
+    const uint32_t count = (uint32_t)__builtin_popcount(tubes);
+    for (uint32_t i = 0; i < count; i += LANE_COUNT) {
+        const uint32_t all = count - i < LANE_COUNT ? (1u << (count - i)) - 1u : 0xFFu;
+        const uint64_t numbers = list.bytes[i / LANE_COUNT];
+        LaneMask corner[3];
+        Lanes g[3];
+        for (int k = 0; k < 3; ++k) {
+            corner[k] = lanes_lookup_bytes(patch->numbers[k], numbers);
+            g[k] = lanes_lookup(f, corner[k]);
+            corner[k] += (int32_t)(p * PATCH_CORNERS);
+        }
+        const Lanes low = min_of(g), high = max_of(g);
+        const LaneMask bulges = lanes_lookup_bytes(patch->bulges, numbers);
+        const Lanes margin = (bulge / 255.0f) * __builtin_convertvector(bulges, Lanes);
+        const LaneMask is_bent =
+            (margin > (BULGE * tree->bend_max) * (high - low)) & (low < margin) & (high > -margin);
+        const uint32_t bent = lanes_bits(is_bent) & all;
+        const uint32_t crossed = lanes_bits((low <= 0.0f) & (high > 0.0f)) & all & ~bent;
+        const Odd odd = odd_corner(g);
+        const LanePack pack = lanes_pack_for(crossed);
+        CrossedQueue *queue = &queues->crossed;
+        const uint32_t end = queue->count;
+        for (int k = 0; k < 3; ++k) {
+            const Lanes turned =
+                turn(&odd, k, (Lanes)corner[0], (Lanes)corner[1], (Lanes)corner[2]);
+            lanes_pack_numbers(queue->corners[k] + end, (LaneMask)turned, &pack);
+            lanes_pack(queue->f[k] + end, turn(&odd, k, g[0], g[1], g[2]), &pack);
+        }
+        queue->count = end + (uint32_t)__builtin_popcount(crossed);
+        if (bent != 0) {
+            Tubes loose;
+            loose.level = lanes_set(0.0f);
+            for (int k = 0; k < 3; ++k) {
+                loose.f[k] = g[k];
+                uint32_t numbers_of[LANE_COUNT];
+                memcpy(numbers_of, &corner[k], sizeof numbers_of);
+                load_corners(tree, numbers_of, loose.rows[k]);
+            }
+            add_loose(&loose, bent, &queues->bent);
+        }
+    }
+}
+
+/* Area vector of the tubes' pieces, on either side. */
+static inline Lanes3 area_of(const Tubes *tubes) {
+    const Lanes3 x = row3(tubes, 0, CORNER_X);
+    const Lanes3 edge = sub3(row3(tubes, 1, CORNER_X), x),
+                 other = sub3(row3(tubes, 2, CORNER_X), x);
+    return scale3(cross3(edge, other), lanes_set(0.5f));
+}
+
+/* Flux of whole pieces per value at a point of them from which light goes on along w, as long as
+ * `unit`. */
+static inline Lanes flux_share(const Tubes *tubes, const TubeLight *light, Lanes3 area, Lanes3 w,
+                               Lanes unit) {
+    if (light->value == TUBE_VALUE_IS_FLUX)
+        return lanes_set(1.0f);
+    const Lanes3 origin = set3(light->origin);
+    const Lanes facing = light->is_directional ? -dot3(origin, area)
+                                               : dot3(sub3(origin, row3(tubes, 0, CORNER_X)), area);
+    if (light->value == TUBE_VALUE_ARRIVES)
+        return abs_lanes(facing);
+    const Lanes leaving = dot3(w, area) / unit;
+    return lanes_max(lanes_select(facing < 0.0f, leaving, -leaving), lanes_set(0.0f));
+}
+
+/* a / (a + b) of the tubes' cross-sections at the boundary and at s: see docs/theory.md 4. */
+static inline Lanes frequency_of(const Tubes *tubes, Lanes3 area, Lanes3 w, Lanes s) {
+    const Lanes3 x = row3(tubes, 0, CORNER_X), v = row3(tubes, 0, CORNER_W);
+    Lanes3 edge[2];
+    for (int k = 0; k < 2; ++k)
+        edge[k] = add3(sub3(row3(tubes, k + 1, CORNER_X), x),
+                       scale3(sub3(row3(tubes, k + 1, CORNER_W), v), s));
+    const Lanes begin = abs_lanes(dot3(area, w));
+    const Lanes here = abs_lanes(0.5f * dot3(cross3(edge[0], edge[1]), w));
+    return begin / lanes_max(begin + here, lanes_set(1e-30f));
+}
+
+/* Between the first corner and corner k, at part q of the way. */
+static inline Lanes between(const Tubes *tubes, int r, int k, Lanes q) {
+    const Lanes v = tubes->rows[0][r];
+    return v + q * (tubes->rows[k][r] - v);
+}
+
+static inline Lanes3 between3(const Tubes *tubes, int r, int k, Lanes q) {
+    return (Lanes3){between(tubes, r, k, q), between(tubes, r + 1, k, q),
+                    between(tubes, r + 2, k, q)};
+}
+
+/* Adds what tubes that are crossed send along the segment. A lane whose f does not
+ * change its sign counts for nothing. */
+static inline void gather_tubes(const Tubes *tubes, const TubeLight *light, const Medium *medium,
+                                const Query *q, Sums *sums) {
+    const Lanes zero = lanes_set(0.0f), one = lanes_set(1.0f), half = lanes_set(0.5f);
+    const Lanes3 d = set3(q->d), o = set3(q->o);
+    const Lanes f = tubes->f[0];
+    LaneMask is_hit = (f > 0.0f) != (tubes->f[1] > 0.0f);
+    const Lanes gap_b = lanes_select(is_hit, f - tubes->f[1], one);
+    const Lanes gap_c = lanes_select(is_hit, f - tubes->f[2], one);
+    /* Where the zero curve enters the triangle and where it leaves, on the edges from the first
+     * corner. */
+    const Lanes cut_b = f / gap_b, cut_c = f / gap_c;
+    const Lanes density = 2.0f * cut_b / abs_lanes(gap_c);
+    Meeting b = {.from = sub3(between3(tubes, CORNER_X, 1, cut_b), o),
+                 .w = between3(tubes, CORNER_W, 1, cut_b)};
+    Meeting c = {.from = sub3(between3(tubes, CORNER_X, 2, cut_c), o),
+                 .w = between3(tubes, CORNER_W, 2, cut_c)};
+    Lanes3 n = cross3(d, lerp3(b.w, c.w, half)), turned = cross3(n, d);
+    meet(&b, n, turned);
+    meet(&c, n, turned);
 
     /* The part of the chord that lies on the segment and in front of the light's end. */
-    Lanes q0 = zero, q1 = one;
-    clip(b.along - q->near * b.over, c.along - q->near * c.over, &q0, &q1);
-    clip(q->far * b.over - b.along, q->far * c.over - c.along, &q0, &q1);
-    clip(b.depth, c.depth, &q0, &q1);
-    clip(mix(batch, ROW_LIMIT, weight_b) * b.over - b.depth,
-         mix(batch, ROW_LIMIT, weight_c) * c.over - c.depth, &q0, &q1);
+    const Lanes inside_b[CLIP_COUNT] = {b.along - q->near * b.over, q->far * b.over - b.along,
+                                        b.depth,
+                                        between(tubes, CORNER_LIMIT, 1, cut_b) * b.over - b.depth};
+    const Lanes inside_c[CLIP_COUNT] = {c.along - q->near * c.over, q->far * c.over - c.along,
+                                        c.depth,
+                                        between(tubes, CORNER_LIMIT, 2, cut_c) * c.over - c.depth};
+    Lanes q0, q1;
+    clip(inside_b, inside_c, &q0, &q1);
     is_hit &= (q1 > q0) & (b.over > 0.0f) & (c.over > 0.0f);
     if (lanes_bits(is_hit) == 0)
         return;
 
     /* Everything else in the middle of that part. */
-    const Lanes half = lanes_set(0.5f);
     const Lanes qm = half * (q0 + q1);
     Meeting m = {.from = lerp3(b.from, c.from, qm), .w = lerp3(b.w, c.w, qm)};
     n = cross3(d, m.w);
-    meet(&m, d, n);
+    meet(&m, n, cross3(n, d));
     const Lanes inverse = 1.0f / lanes_max(m.over, lanes_set(SIN2_MIN));
     const Lanes unit2 = dot3(m.w, m.w);
     const Lanes unit = lanes_sqrt(unit2);
     const Lanes t = lanes_max(m.along * inverse - q->near, zero);
-    const Lanes s = lanes_max(m.depth * inverse, zero) * unit;
-    /* The path's change along it, from the ends. */
+    const Lanes s = lanes_max(m.depth * inverse, zero);
+    /* The way to here, and its change along the chord's part, from the ends. */
+    const Lanes start_b = between(tubes, ROW_START, 1, cut_b);
+    const Lanes start_c = between(tubes, ROW_START, 2, cut_c);
+    const Lanes way = s * unit + t + start_b + qm * (start_c - start_b);
     const Lanes path_b = b.along + b.depth, path_c = c.along + c.depth;
     const Lanes over0 = b.over + q0 * (c.over - b.over), over1 = b.over + q1 * (c.over - b.over);
-    const Lanes change =
-        (path_b + q1 * (path_c - path_b)) / over1 - (path_b + q0 * (path_c - path_b)) / over0;
+    const Lanes change = (path_b + q1 * (path_c - path_b)) / over1 -
+                         (path_b + q0 * (path_c - path_b)) / over0 +
+                         (q1 - q0) * (start_c - start_b);
 
     Lanes scatter[3];
-    const Lanes sin2 = m.over / unit2;
-    medium_scattering_lanes(medium, dot3(m.w, d) / unit, sin2, scatter);
-    Lanes weight[3];
-    for (int k = 0; k < 3; ++k)
-        weight[k] = weight_b[k] + qm * (weight_c[k] - weight_b[k]);
-    const Lanes value = mix(batch, ROW_FLUX, weight) * density * (q1 - q0);
+    medium_scattering_lanes(medium, dot3(m.w, d) / unit, m.over / unit2, scatter);
+    const Lanes3 area = area_of(tubes);
+    const Lanes value_b = between(tubes, CORNER_VALUE, 1, cut_b);
+    const Lanes value_c = between(tubes, CORNER_VALUE, 2, cut_c);
+    const Lanes value = (value_b + qm * (value_c - value_b)) *
+                        flux_share(tubes, light, area, m.w, unit) * density * (q1 - q0);
     const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
+    const float color[3] = {light->color.r, light->color.g, light->color.b};
     Lanes total = zero;
     for (int k = 0; k < 3; ++k) {
-        const Lanes fade = lanes_exp_negative(-sigma_t[k] * (s + t)) * swing(sigma_t[k], change);
-        const Lanes light =
-            lanes_select(is_hit, value * row(batch, ROW_COLOR + k) * scatter[k] * fade, zero);
-        sums->radiance[k] += light;
-        total += light;
+        const Lanes fade = lanes_exp_negative(-sigma_t[k] * way) * swing(sigma_t[k], change);
+        const Lanes arrives = lanes_select(is_hit, value * color[k] * scatter[k] * fade, zero);
+        sums->radiance[k] += arrives;
+        total += arrives;
     }
-    const Lanes area =
-        abs_lanes(1.0f + s * (row(batch, ROW_SPREAD) + s * row(batch, ROW_SPREAD + 1)));
-    sums->frequency += lanes_select(is_hit, total / (1.0f + area), zero);
+    sums->frequency += lanes_select(is_hit, total * frequency_of(tubes, area, m.w, s), zero);
 }
 
-/* Takes tubes from the end of the queue until fewer than `rest` are left. */
-static inline void empty_queue(Queue *queue, uint32_t rest, const Medium *medium, const Query *q,
-                               Sums *sums) {
-    while (queue->count >= rest) {
-        const uint32_t taken = queue->count < LANE_COUNT ? queue->count : LANE_COUNT;
-        queue->count -= taken;
-        if (taken < LANE_COUNT)
-            for (int r = 0; r < ROWS; ++r)
-                memset(queue->rows[r] + taken, 0, (LANE_COUNT - taken) * sizeof(float));
-        const Batch batch = {queue, queue->count};
-        gather_batch(&batch, medium, q, sums);
+/* The normals at the corners, found again from how light was refracted there:
+ * w - eta d is along the normal. */
+static inline Lanes3 normal_at(const TubeLight *light, Lanes3 d, Lanes3 w) {
+    const Lanes3 n = sub3(w, scale3(d, lanes_set(light->eta)));
+    const LaneMask is_back = dot3(n, d) > 0.0f;
+    return normalize3(scale3(n, lanes_select(is_back, lanes_set(-1.0f), lanes_set(1.0f))));
+}
+
+static inline Lanes3 light_direction(const TubeLight *light, Lanes3 x) {
+    const Lanes3 origin = set3(light->origin);
+    return light->is_directional ? origin : normalize3(sub3(x, origin));
+}
+
+/* Light along unit d, refracted at normal n, which need not be unit: as make_corner of tubes.c. */
+static inline Lanes3 refract(const TubeLight *light, Lanes3 d, Lanes3 n) {
+    if (light->eta == 1.0f)
+        return d;
+    const Lanes zero = lanes_set(0.0f), eta = lanes_set(light->eta);
+    n = normalize3(n);
+    const Lanes missing = lanes_max(TUBE_GRAZING_COS + dot3(d, n), zero);
+    n = normalize3(sub3(n, scale3(d, missing)));
+    const Lanes cos_i = -dot3(d, n);
+    const Lanes cos_t = lanes_sqrt(lanes_max(1.0f - eta * eta * (1.0f - cos_i * cos_i), zero));
+    return normalize3(add3(scale3(d, eta), scale3(n, eta * cos_i - cos_t)));
+}
+
+/* One of the four parts of each tube: the corners are those of the tube (0, 1, 2) and the middles
+ * of its edges 01, 12, 20 (3, 4, 5). */
+static const uint8_t PARTS[4][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}};
+
+/* Looks at what is refracted in the middle of the edges of bent tubes. One that turns out to be as
+ * good as linear is crossed or not, one that the curve does not touch is dropped, the rest are
+ * quartered. */
+static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTree *tree,
+                                const Query *q, Queues *queues) {
+    const TubeLight *light = &tree->light;
+    const Lanes3 d = set3(q->d), o = set3(q->o);
+    Lanes rows[6][CORNER_ROWS], f[6], bend = lanes_set(0.0f);
+    Lanes3 normal[3];
+    memcpy(rows, tubes->rows, sizeof tubes->rows);
+    memcpy(f, tubes->f, sizeof tubes->f);
+    for (int k = 0; k < 3; ++k) {
+        const Lanes3 x = row3(tubes, k, CORNER_X), w = row3(tubes, k, CORNER_W);
+        normal[k] = scale3(normal_at(light, light_direction(light, x), w),
+                           tubes->rows[k][ROW_NORMAL_LENGTH]);
+    }
+    for (int k = 0; k < 3; ++k) {
+        const int next = (k + 1) % 3;
+        Lanes *middle = rows[3 + k];
+        for (int r = 0; r < CORNER_ROWS; ++r)
+            middle[r] = 0.5f * (rows[k][r] + rows[next][r]);
+        const Lanes3 x = {middle[CORNER_X], middle[CORNER_X + 1], middle[CORNER_X + 2]};
+        const Lanes3 n = scale3(add3(normal[k], normal[next]), lanes_set(0.5f));
+        const Lanes3 w = refract(light, light_direction(light, x), n);
+        middle[ROW_NORMAL_LENGTH] = lanes_sqrt(dot3(n, n));
+        middle[CORNER_W] = w.x;
+        middle[CORNER_W + 1] = w.y;
+        middle[CORNER_W + 2] = w.z;
+        f[3 + k] = line_f(cross3(d, sub3(x, o)), w, d);
+        bend = lanes_max(bend, abs_lanes(f[3 + k] - 0.5f * (f[k] + f[next])));
+    }
+    const Lanes low = min_of(f), high = max_of(f), level = tubes->level + 1.0f;
+    const uint32_t all = (1u << count) - 1u;
+    const LaneMask is_straight = bend <= tree->bend_max * (high - low);
+    const uint32_t crossed = lanes_bits(is_straight & (low <= 0.0f) & (high > 0.0f)) & all;
+    Tubes turned;
+    if (crossed != 0) {
+        turn_tubes(tubes, &turned);
+        add_loose(&turned, crossed, &queues->parts);
+    }
+    const LaneMask is_split = ~is_straight & (low <= BULGE * bend) & (high >= -BULGE * bend);
+    if ((lanes_bits(is_split) & all) == 0)
+        return;
+    /* Quadratic functions bend a quarter as much over half the length; half again for the rest. */
+    const Lanes margin = (1.5f * 0.25f * BULGE) * bend;
+    const LaneMask is_last = level >= (float)LEVEL_MAX;
+    for (int p = 0; p < 4; ++p) {
+        Tubes part;
+        part.level = level;
+        for (int k = 0; k < 3; ++k) {
+            memcpy(part.rows[k], rows[PARTS[p][k]], sizeof part.rows[k]);
+            part.f[k] = f[PARTS[p][k]];
+        }
+        const Lanes bottom = min_of(part.f), top = max_of(part.f);
+        const LaneMask is_bent = (margin > (BULGE * tree->bend_max) * (top - bottom)) &
+                                 (bottom < margin) & (top > -margin) & ~is_last;
+        const LaneMask is_crossed = (bottom <= 0.0f) & (top > 0.0f) & ~is_bent;
+        const uint32_t bent = lanes_bits(is_split & is_bent) & all;
+        const uint32_t whole = lanes_bits(is_split & is_crossed) & all;
+        if (whole != 0) {
+            turn_tubes(&part, &turned);
+            add_loose(&turned, whole, &queues->parts);
+        }
+        if (bent != 0)
+            add_loose(&part, bent, &queues->bent);
+    }
+}
+
+/* Takes what waits in eights, or all that there is. Bent tubes are quartered last in, first out, so
+ * that few wait: each level leaves at most three quarters of the 32 parts of eight behind. */
+static inline void empty_queues(const TubeTree *tree, const Medium *medium, const Query *q,
+                                Queues *queues, bool is_last, Sums *sums) {
+    const uint32_t least = is_last ? 1 : LANE_COUNT;
+    Tubes tubes;
+    while (queues->crossed.count >= least) {
+        take_crossed(tree, &queues->crossed, &tubes);
+        gather_tubes(&tubes, &tree->light, medium, q, sums);
+    }
+    while (queues->bent.count >= least || queues->parts.count >= least) {
+        while (queues->parts.count >= LANE_COUNT ||
+               (queues->parts.count >= least && queues->bent.count < least)) {
+            take_loose(&queues->parts, &tubes);
+            gather_tubes(&tubes, &tree->light, medium, q, sums);
+        }
+        if (queues->bent.count >= least) {
+            const uint32_t count = take_loose(&queues->bent, &tubes);
+            refine_tubes(&tubes, count, tree, q, queues);
+        }
+    }
+}
+
+/* Everything of the patches found but what is left in the queues. */
+static inline void gather_patches(const TubeTree *tree, const Medium *medium, const Query *q,
+                                  Patches *patches, Queues *queues, Sums *sums) {
+    touch_patches(tree, q, patches);
+    for (uint32_t i = 0; i < patches->touched_count; ++i) {
+        find_crossings(tree, patches->touched[i], patches->tubes[i], patches->bulges[i],
+                       patches->f[i], queues);
+        if (queues->crossed.count >= QUEUE_FULL || queues->bent.count >= QUEUE_FULL)
+            empty_queues(tree, medium, q, queues, false, sums);
     }
 }
 
@@ -334,32 +693,33 @@ FieldRadiance AMB_TUBE_GATHER(const TubeTree *tree, const Medium *medium, Vec3 o
 
     const Lanes zero = lanes_set(0.0f);
     Sums sums = {{zero, zero, zero}, zero};
-    struct {
-        uint32_t level, index;
-    } stack[STACK_MAX];
-    int depth = 0;
-    Queue queue;
-    queue.count = 0;
-    stack[depth].level = tree->level_count - 1;
-    stack[depth++].index = 0;
+    Patches patches;
+    patches.found_count = 0;
+    Queues queues;
+    queues.crossed.count = queues.parts.count = queues.bent.count = 0;
+    /* Of the nodes that wait, each eight children at most of one that was taken. */
+    uint32_t stack[STACK_MAX];
+    uint8_t levels[STACK_MAX];
+    uint32_t depth = 1;
+    stack[0] = 0;
+    levels[0] = (uint8_t)(tree->level_count - 1);
     while (depth > 0) {
         --depth;
-        const uint32_t level = stack[depth].level, index = stack[depth].index;
-        uint32_t mask = children_hit(&tree->nodes[tree->first[level] + index], &q);
-        while (mask != 0) {
-            const uint32_t child = index * LANE_COUNT + (uint32_t)__builtin_ctz(mask);
-            mask &= mask - 1;
-            if (level == 0) {
-                find_crossings(&tree->blocks[child], &q, &queue);
-                if (queue.count >= QUEUE_FULL)
-                    empty_queue(&queue, LANE_COUNT, medium, &q, &sums);
-            } else {
-                stack[depth].level = level - 1;
-                stack[depth++].index = child;
-            }
+        const uint32_t level = levels[depth], index = stack[depth];
+        const uint32_t hit = children_hit(&tree->nodes[tree->first[level] + index], &q);
+        if (level > 0) {
+            lanes_store_numbers(stack + depth, index * LANE_COUNT, hit);
+            memset(levels + depth, (int)level - 1, LANE_COUNT);
+            depth += (uint32_t)__builtin_popcount(hit);
+            continue;
         }
+        lanes_store_numbers(patches.found + patches.found_count, index * LANE_COUNT, hit);
+        patches.found_count += (uint32_t)__builtin_popcount(hit);
+        if (patches.found_count >= PATCHES_FULL)
+            gather_patches(tree, medium, &q, &patches, &queues, &sums);
     }
-    empty_queue(&queue, 1, medium, &q, &sums);
+    gather_patches(tree, medium, &q, &patches, &queues, &sums);
+    empty_queues(tree, medium, &q, &queues, true, &sums);
     FieldRadiance out;
     out.radiance =
         rgb(lanes_sum(sums.radiance[0]), lanes_sum(sums.radiance[1]), lanes_sum(sums.radiance[2]));

@@ -16,6 +16,9 @@ FieldRadiance tube_gather_portable(const TubeTree *tree, const Medium *medium, V
 FieldRadiance tube_gather_avx2(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
                                float length);
 
+FieldRadiance tube_gather_avx512(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
+                                 float length);
+
 /* The best variant for this processor. */
 TubeGather tube_gather_select(void);
 

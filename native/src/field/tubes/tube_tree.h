@@ -1,35 +1,11 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * Hierarchy over light tubes in the space of their lines: eight children a node, eight tubes a
- * leaf. */
+ * Hierarchy over patches of light tubes in the space of their lines: eight children a node. */
 #ifndef AMB_FIELD_TUBES_TUBE_TREE_H
 #define AMB_FIELD_TUBES_TUBE_TREE_H
 
-#include "base/parallel.h"
-#include "math/vec3.h"
+#include "field/tubes/tube_patch.h"
 
 enum { TUBE_LANES = 8, TUBE_QUARTERS = 4, TUBE_LEVEL_MAX = 12 };
-
-/* A lit piece of the boundary and the light that goes on from it: inside, the light lines are
- * x + s w, interpolated linearly between the corners, 0 < s < limit. */
-typedef struct Tube {
-    Vec3 x[3];       /* corners on the boundary, m, from the centre of the tree */
-    Vec3 w[3];       /* unit, refracted direction of travel */
-    float limit[3];  /* m, where the light ends */
-    float far;       /* m, beyond which none of the light is inside the object: for boxes */
-    float flux[3];   /* W of the whole piece if all of it were like this corner, without color */
-    Rgb color;       /* of the light and of the surface's tint */
-    float spread[2]; /* cross-section a(s) / a(0) = |1 + spread[0] s + spread[1] s^2| */
-} Tube;
-
-/* Eight tubes side by side; unused lanes are all zero and carry nothing. */
-typedef struct TubeBlock {
-    float x[3][3][TUBE_LANES]; /* corner, axis */
-    float w[3][3][TUBE_LANES];
-    float limit[3][TUBE_LANES];
-    float flux[3][TUBE_LANES];
-    float color[3][TUBE_LANES];
-    float spread[2][TUBE_LANES];
-} TubeBlock;
 
 /* Bounds of eight children. A light line has the Pluecker coordinates (m, w), m = x x w; a camera
  * ray o + t d meets it where f = d.m + (o x d).w is zero. f is linear in (m, w), so over a box its
@@ -42,22 +18,26 @@ typedef struct TubeNode {
     float high[TUBE_QUARTERS][3][TUBE_LANES];
 } TubeNode;
 
-/* Node i of level l > 0 has the nodes 8i .. 8i+7 of level l-1 as children, of level 0 the blocks
+/* Node i of level l > 0 has the nodes 8i .. 8i+7 of level l-1 as children, of level 0 the patches
  * 8i .. 8i+7. */
 typedef struct TubeTree {
-    TubeBlock *blocks;
+    TubeLight light;
+    TubePatch *patches;
     TubeNode *nodes;
-    uint64_t block_count, node_count;
+    uint64_t patch_count, node_count;
     uint64_t first[TUBE_LEVEL_MAX]; /* index of a level's first node in nodes */
     uint32_t level_count;
-    Vec3 center; /* world */
+    Vec3 center;    /* world */
+    float bend_max; /* the gather quarters tubes in which f is farther from linear, in units of its
+                     * range over the corners */
 } TubeTree;
 
-/* Sorts tubes (their order is changed) into a tree around center, whose distance to every tube's
- * corners is at most radius. The shape depends on the tubes alone, never on threads. tube_count in
- * 1 .. 2^31. */
-AmbStatus tube_tree_build(Tube *tubes, uint64_t tube_count, Vec3 center, float radius, Job *job,
-                          TubeTree *out_tree);
+/* Builds the tree of tubes around center, whose distance to every tube's corners is at most
+ * radius; bend_max is left 0 for the caller to set. The shape depends on the tubes alone, never on
+ * threads. tube_count in 1 .. 2^31. */
+AmbStatus tube_tree_build(const Tube *tubes, uint64_t tube_count, const TubeLight *light,
+                          Vec3 center, float radius, Job *job, TubeTree *out_tree);
 void tube_tree_clear(TubeTree *tree);
+uint64_t tube_tree_bytes(const TubeTree *tree);
 
 #endif

@@ -22,10 +22,13 @@ static const float SIZE_SHARE_MAX = 0.25f;
 static const float ANGLE_MAX = 0.1f;
 /* A spot's cone is covered by at least some tubes across, however large the triangle. */
 static const float SPOT_SHARE_MAX = 0.25f;
+/* Next to where the zero curve is tangent to a caustic's, f is small and flat: the chord of a
+ * triangle means nothing there, and that is where most of the error is made. Where f is bent by
+ * more than this part of its range over the corners, a tube is looked at more closely; every
+ * refinement halves it. */
+static const float BEND_MAX = 0.1f;
 /* Ends whose distances differ by more than this factor are on different surfaces. */
 static const float LIMIT_RATIO_MAX = 1.2f;
-/* Cosine of incidence that counts as grazing: what enters there carries nothing to speak of. */
-static const float GRAZING_COS = 1e-3f;
 /* In radii of the object: farther than anything in it. */
 static const float LIMIT_MAX = 4.0f;
 /* Visibility and exit are asked for beside a corner, towards the triangle's middle by this part:
@@ -38,6 +41,7 @@ typedef struct Corner {
     Vec3 x, w;            /* world; w unit */
     float arriving, flux; /* per area of the flat triangle and unit colour, before and after
                            * refraction, 1/m^2 */
+    float value;          /* see TUBE_VALUE_* */
     float reach;          /* m, to the next surface */
     float limit;          /* m, to where the light ends for the gather; see light_limit */
     bool is_lit;
@@ -45,6 +49,7 @@ typedef struct Corner {
 
 typedef struct Chunk {
     Tube *tubes;
+    uint32_t *materials; /* of the tubes */
     uint64_t count, room;
     TubeCount tally;
 } Chunk;
@@ -63,25 +68,37 @@ typedef struct Face {
     const Cutter *cutter;
     const SceneLight *light;
     Chunk *chunk;
-    uint32_t triangle;
-    Vec3 ng;
+    uint32_t triangle, material;
     Rgb color;
     float area; /* of the whole triangle, m^2 */
 } Face;
 
-static AmbStatus chunk_append(Chunk *chunk, const Tube *tube) {
-    if (chunk->count == chunk->room) {
-        const uint64_t room = chunk->room > 0 ? 2 * chunk->room : GRAIN;
-        Tube *tubes = memory_alloc_array(room, sizeof *tubes);
-        if (tubes == NULL)
-            return status_fail(AMB_OUT_OF_MEMORY, "no memory for light tubes");
-        if (chunk->count > 0)
-            memcpy(tubes, chunk->tubes, chunk->count * sizeof *tubes);
-        memory_free(chunk->tubes);
-        chunk->tubes = tubes;
-        chunk->room = room;
+static AmbStatus chunk_grow(Chunk *chunk) {
+    const uint64_t room = chunk->room > 0 ? 2 * chunk->room : GRAIN;
+    Tube *tubes = memory_alloc_array(room, sizeof *tubes);
+    uint32_t *materials = memory_alloc_array(room, sizeof *materials);
+    if (tubes == NULL || materials == NULL) {
+        memory_free(tubes);
+        memory_free(materials);
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for light tubes");
     }
-    chunk->tubes[chunk->count++] = *tube;
+    if (chunk->count > 0) {
+        memcpy(tubes, chunk->tubes, chunk->count * sizeof *tubes);
+        memcpy(materials, chunk->materials, chunk->count * sizeof *materials);
+    }
+    memory_free(chunk->tubes);
+    memory_free(chunk->materials);
+    chunk->tubes = tubes;
+    chunk->materials = materials;
+    chunk->room = room;
+    return AMB_OK;
+}
+
+static AmbStatus chunk_append(Chunk *chunk, const Tube *tube, uint32_t material) {
+    if (chunk->count == chunk->room)
+        AMB_TRY(chunk_grow(chunk));
+    chunk->tubes[chunk->count] = *tube;
+    chunk->materials[chunk->count++] = material;
     return AMB_OK;
 }
 
@@ -140,33 +157,64 @@ static void trace_corner(const Face *face, Corner *corner) {
     }
 }
 
-static Corner make_corner(const Face *face, float u, float v) {
-    const AmbScene *scene = face->cutter->scene;
+/* Light and its refraction at a point of a triangle. */
+typedef struct Entry {
+    SurfacePoint surface;
+    Vec3 x; /* world, the same for neighbours */
+    LightArrival light;
+    DielectricSplit split;
+    Vec3 w; /* unit, refracted */
+} Entry;
+
+static Entry enter_at(const Face *face, float u, float v) {
     const Hit hit = hit_of(face, u, v);
-    const SurfacePoint surface = scene_surface(scene, &hit);
-    const LightArrival light = light_arrival(face->light, surface.p, (Sample2){0.5f, 0.5f});
-    Corner corner = {.u = u, .v = v, .x = surface.p};
-    const Vec3 d = vec3_negate(light.wi);
-    /* Interpolation can turn the normal away from the light near a silhouette. It is turned back
-     * until the light grazes it: unlike the face's own normal, which boundary_cross takes there,
-     * that leaves the refracted map without a jump. */
-    Vec3 n = surface.ns;
-    const float cos_s = vec3_dot(light.wi, n);
-    if (cos_s < GRAZING_COS)
-        n = vec3_normalize(vec3_madd(n, GRAZING_COS - cos_s, light.wi));
-    const DielectricSplit split = dielectric_split(d, n, 1.0f / surface.material->ior);
-    corner.w = split.reflectance < 1.0f ? split.refracted : d;
-    const float cos_g = vec3_dot(light.wi, surface.ng);
-    const float below = -vec3_dot(corner.w, surface.ng);
-    const float arriving = scale_of(light.irradiance, face->light->color) * fmaxf(cos_g, 0.0f);
-    corner.arriving = arriving;
-    if (below > 0.0f && cos_g > 0.0f && split.reflectance < 1.0f) {
-        corner.flux = arriving * (1.0f - split.reflectance);
-        if (face->cutter->params->adjoint_normals)
-            corner.flux *= split.cos_i * below / (cos_g * split.cos_t);
+    const AmbScene *scene = face->cutter->scene;
+    Entry entry = {.surface = scene_surface(scene, &hit), .x = scene_position(scene, &hit)};
+    entry.light = light_arrival(face->light, entry.x, (Sample2){0.5f, 0.5f});
+    const Vec3 wi = entry.light.wi, d = vec3_negate(wi);
+    Vec3 n = entry.surface.ns;
+    const float cos_s = vec3_dot(wi, n);
+    if (cos_s < TUBE_GRAZING_COS)
+        n = vec3_normalize(vec3_madd(n, TUBE_GRAZING_COS - cos_s, wi));
+    entry.split = dielectric_split(d, n, 1.0f / entry.surface.material->ior);
+    entry.w = entry.split.reflectance < 1.0f ? entry.split.refracted : d;
+    return entry;
+}
+
+static Corner make_corner(const Face *face, float u, float v) {
+    const Entry entry = enter_at(face, u, v);
+    const Vec3 ng = entry.surface.ng;
+    const DielectricSplit *split = &entry.split;
+    Corner corner = {.u = u, .v = v, .x = entry.x, .w = entry.w};
+    const float cos_g = vec3_dot(entry.light.wi, ng), below = -vec3_dot(corner.w, ng);
+    const float irradiance = scale_of(entry.light.irradiance, face->light->color);
+    corner.arriving = irradiance * fmaxf(cos_g, 0.0f);
+    if (below > 0.0f && cos_g > 0.0f && split->reflectance < 1.0f) {
+        const float entering = irradiance * (1.0f - split->reflectance);
+        if (face->cutter->params->adjoint_normals) {
+            corner.value = entering * split->cos_i / split->cos_t;
+            corner.flux = corner.value * below;
+        } else {
+            corner.value =
+                face->light->kind == AMB_LIGHT_SUN ? entering : entering / entry.light.distance;
+            corner.flux = entering * cos_g;
+        }
     }
     trace_corner(face, &corner);
     return corner;
+}
+
+/* See Tube. */
+static float bulge_of(const Face *face, const Corner corners[3]) {
+    float largest = 0.0f;
+    for (int k = 0; k < 3; ++k) {
+        const Corner *a = &corners[k], *b = &corners[(k + 1) % 3];
+        const Entry middle = enter_at(face, 0.5f * (a->u + b->u), 0.5f * (a->v + b->v));
+        const Vec3 mean = vec3_scale(vec3_add(a->w, b->w), 0.5f);
+        largest = fmaxf(largest, vec3_length(vec3_sub(middle.w, mean)));
+    }
+    /* Quadratic over the triangle, it is 4/3 of that in the middle. */
+    return (4.0f / 3.0f) * largest;
 }
 
 static float largest_difference(const Vec3 v[3]) {
@@ -210,18 +258,6 @@ static bool is_cut(const Corner corners[3]) {
     return corners[0].is_lit && high > LIMIT_RATIO_MAX * low;
 }
 
-/* Cross-section a(s) = w . (e1 + s w1) x (e2 + s w2) / 2 over a(0). */
-static void set_spread(Tube *tube) {
-    const Vec3 e1 = vec3_sub(tube->x[1], tube->x[0]), e2 = vec3_sub(tube->x[2], tube->x[0]);
-    const Vec3 w1 = vec3_sub(tube->w[1], tube->w[0]), w2 = vec3_sub(tube->w[2], tube->w[0]);
-    const Vec3 w = vec3_add(vec3_add(tube->w[0], tube->w[1]), tube->w[2]);
-    const float start = vec3_dot(w, vec3_cross(e1, e2));
-    if (start == 0.0f)
-        return;
-    tube->spread[0] = vec3_dot(w, vec3_add(vec3_cross(e1, w2), vec3_cross(w1, e2))) / start;
-    tube->spread[1] = vec3_dot(w, vec3_cross(w1, w2)) / start;
-}
-
 static void tally_add(double sum[3], Rgb color, double flux) {
     sum[0] += flux * (double)color.r;
     sum[1] += flux * (double)color.g;
@@ -232,19 +268,19 @@ static AmbStatus emit_tube(const Face *face, const Corner corners[3], float area
     const Cutter *cutter = face->cutter;
     const SceneObject *object = &cutter->scene->objects[cutter->object];
     const Medium *medium = &cutter->scene->materials[object->inside].medium;
-    Tube tube = {.color = face->color};
+    Tube tube = {.bulge = bulge_of(face, corners)};
     LightTally *tally = &face->chunk->tally.tally;
     bool is_bright = false;
     for (int k = 0; k < 3; ++k) {
         const Corner *corner = &corners[k];
-        const float lit = corner->is_lit ? area : 0.0f;
+        const float lit = corner->is_lit ? area : 0.0f, flux = lit * corner->flux;
         tube.x[k] = vec3_sub(corner->x, object->center);
         tube.w[k] = corner->w;
         tube.limit[k] = corner->limit;
         tube.far = fmaxf(tube.far, corner->reach);
-        tube.flux[k] = lit * corner->flux;
-        is_bright = is_bright || tube.flux[k] > 0.0f;
-        const double third = (double)tube.flux[k] / 3.0;
+        tube.value[k] = corner->is_lit ? corner->value : 0.0f;
+        is_bright = is_bright || flux > 0.0f;
+        const double third = (double)flux / 3.0;
         const Rgb left = medium_transmittance(medium, corner->reach);
         tally_add(tally->incident, face->light->color, (double)(lit * corner->arriving) / 3.0);
         tally_add(tally->entered, face->color, third);
@@ -253,10 +289,9 @@ static AmbStatus emit_tube(const Face *face, const Corner corners[3], float area
     }
     if (!is_bright)
         return AMB_OK;
-    set_spread(&tube);
     /* Between the corners the light may go farther before it leaves. */
     tube.far = 1.1f * tube.far + largest_difference(tube.x);
-    return chunk_append(face->chunk, &tube);
+    return chunk_append(face->chunk, &tube, face->material);
 }
 
 static AmbStatus cut(const Face *face, const Corner corners[3], uint32_t level, uint32_t edges) {
@@ -305,7 +340,7 @@ static AmbStatus cut_triangle(const Cutter *cutter, const SceneLight *light, uin
                                                        : vec3_sub(light->position, middle.p);
     if (!(vec3_dot(to_light, middle.ng) > 0.0f))
         return AMB_OK;
-    face.ng = middle.ng;
+    face.material = (uint32_t)(middle.material - scene->materials);
     face.color = rgb_mul(light->color, middle.material->transmit_color);
     const Corner corners[3] = {make_corner(&face, 0.0f, 0.0f), make_corner(&face, 1.0f, 0.0f),
                                make_corner(&face, 0.0f, 1.0f)};
@@ -328,30 +363,84 @@ static AmbStatus cut_chunk(void *user, uint64_t begin, uint64_t end, uint32_t th
     return AMB_OK;
 }
 
-/* Joins the chunks in the order of lights and triangles. */
-static AmbStatus join_chunks(const Cutter *cutter, uint64_t chunk_count, TubeCount *count,
-                             Tube **out_tubes, uint64_t *out_count) {
-    uint64_t total = 0;
-    for (uint64_t c = 0; c < chunk_count; ++c)
-        total += cutter->chunks[c].count;
-    Tube *tubes = memory_alloc_array(total, sizeof *tubes);
-    if (tubes == NULL)
-        return status_fail(AMB_OUT_OF_MEMORY, "no memory for %llu light tubes",
-                           (unsigned long long)total);
-    *out_tubes = tubes;
-    *out_count = total;
+static void add_tallies(const Cutter *cutter, uint64_t chunk_count, TubeCount *count) {
     for (uint64_t c = 0; c < chunk_count; ++c) {
-        const Chunk *chunk = &cutter->chunks[c];
-        if (chunk->count > 0)
-            memcpy(tubes, chunk->tubes, chunk->count * sizeof *tubes);
-        tubes += chunk->count;
-        count->leak_count += chunk->tally.leak_count;
+        const TubeCount *part = &cutter->chunks[c].tally;
+        count->leak_count += part->leak_count;
         for (int k = 0; k < 3; ++k) {
-            count->tally.incident[k] += chunk->tally.tally.incident[k];
-            count->tally.entered[k] += chunk->tally.tally.entered[k];
-            count->tally.interacting[k] += chunk->tally.tally.interacting[k];
+            count->tally.incident[k] += part->tally.incident[k];
+            count->tally.entered[k] += part->tally.entered[k];
+            count->tally.interacting[k] += part->tally.interacting[k];
         }
     }
+}
+
+/* Tubes of one light through one material, in the order of triangles. tubes NULL: counts them. */
+static uint64_t select_tubes(const Cutter *cutter, uint32_t light, uint32_t material, Tube *tubes) {
+    uint64_t count = 0;
+    for (uint64_t c = 0; c < cutter->triangle_chunks; ++c) {
+        const Chunk *chunk = &cutter->chunks[light * cutter->triangle_chunks + c];
+        for (uint64_t i = 0; i < chunk->count; ++i)
+            if (chunk->materials[i] == material) {
+                if (tubes != NULL)
+                    tubes[count] = chunk->tubes[i];
+                ++count;
+            }
+    }
+    return count;
+}
+
+static TubeLight tube_light(const Cutter *cutter, uint32_t l, uint32_t m) {
+    const SceneLight *light = &cutter->scene->lights[l];
+    const SceneMaterial *material = &cutter->scene->materials[m];
+    const Vec3 center = cutter->scene->objects[cutter->object].center;
+    const bool is_sun = light->kind == AMB_LIGHT_SUN;
+    return (TubeLight){.color = rgb_mul(light->color, material->transmit_color),
+                       .value =
+                           cutter->params->adjoint_normals ? TUBE_VALUE_LEAVES : TUBE_VALUE_ARRIVES,
+                       .is_directional = is_sun,
+                       .origin = is_sun ? light->direction : vec3_sub(light->position, center),
+                       .eta = 1.0f / material->ior};
+}
+
+static AmbStatus build_tree(const Cutter *cutter, uint32_t light, uint32_t material,
+                            TubeField *out_tubes) {
+    const uint64_t count = select_tubes(cutter, light, material, NULL);
+    if (count == 0)
+        return AMB_OK;
+    Tube *tubes = memory_alloc_array(count, sizeof *tubes);
+    if (tubes == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for %llu light tubes",
+                           (unsigned long long)count);
+    select_tubes(cutter, light, material, tubes);
+    const SceneObject *body = &cutter->scene->objects[cutter->object];
+    const TubeLight properties = tube_light(cutter, light, material);
+    TubeTree *tree = &out_tubes->trees[out_tubes->tree_count];
+    const AmbStatus status =
+        tube_tree_build(tubes, count, &properties, body->center, body->radius, cutter->job, tree);
+    memory_free(tubes);
+    AMB_TRY(status);
+    tree->bend_max = ldexpf(BEND_MAX, -(int)cutter->params->refinement);
+    out_tubes->tube_count += count;
+    ++out_tubes->tree_count;
+    return AMB_OK;
+}
+
+static AmbStatus build_trees(const Cutter *cutter, TubeField *out_tubes) {
+    const AmbScene *scene = cutter->scene;
+    const SceneObject *body = &scene->objects[cutter->object];
+    out_tubes->trees =
+        memory_zero_array((uint64_t)scene->light_count * body->material_count, sizeof(TubeTree));
+    if (out_tubes->trees == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for light tubes");
+    for (uint32_t light = 0; light < scene->light_count; ++light)
+        for (uint32_t slot = 0; slot < body->material_count; ++slot) {
+            bool is_first = true; /* slots may share a material */
+            for (uint32_t other = 0; other < slot; ++other)
+                is_first = is_first && body->materials[other] != body->materials[slot];
+            if (is_first)
+                AMB_TRY(build_tree(cutter, light, body->materials[slot], out_tubes));
+        }
     return AMB_OK;
 }
 
@@ -370,33 +459,44 @@ AmbStatus tubes_build(const AmbScene *scene, uint32_t object, const TubeParams *
     if (cutter.chunks == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for light tubes");
     AmbStatus status = parallel_for(job, chunk_count, 1, cut_chunk, &cutter);
-    Tube *tubes = NULL;
-    uint64_t tube_count = 0;
-    if (status == AMB_OK)
-        status = join_chunks(&cutter, chunk_count, count, &tubes, &tube_count);
-    for (uint64_t c = 0; c < chunk_count; ++c)
-        memory_free(cutter.chunks[c].tubes);
-    memory_free(cutter.chunks);
-    if (status == AMB_OK && tube_count > 0)
-        status =
-            tube_tree_build(tubes, tube_count, body->center, body->radius, job, &out_tubes->tree);
-    memory_free(tubes);
     if (status == AMB_OK) {
-        out_tubes->tube_count = tube_count;
-        out_tubes->medium = scene->materials[body->inside].medium;
+        add_tallies(&cutter, chunk_count, count);
+        status = build_trees(&cutter, out_tubes);
     }
+    for (uint64_t c = 0; c < chunk_count; ++c) {
+        memory_free(cutter.chunks[c].tubes);
+        memory_free(cutter.chunks[c].materials);
+    }
+    memory_free(cutter.chunks);
+    if (status != AMB_OK)
+        tubes_clear(out_tubes);
+    else
+        out_tubes->medium = scene->materials[body->inside].medium;
     return status;
 }
 
 void tubes_clear(TubeField *tubes) {
-    tube_tree_clear(&tubes->tree);
+    for (uint32_t i = 0; i < tubes->tree_count; ++i)
+        tube_tree_clear(&tubes->trees[i]);
+    memory_free(tubes->trees);
     memset(tubes, 0, sizeof *tubes);
 }
 
 uint64_t tubes_bytes(const TubeField *tubes) {
-    return tubes->tree.node_count * sizeof(TubeNode) + tubes->tree.block_count * sizeof(TubeBlock);
+    uint64_t bytes = 0;
+    for (uint32_t i = 0; i < tubes->tree_count; ++i)
+        bytes += tube_tree_bytes(&tubes->trees[i]);
+    return bytes;
 }
 
 FieldRadiance tubes_gather(const TubeField *tubes, Vec3 o, Vec3 d, float length) {
-    return tube_gather_select()(&tubes->tree, &tubes->medium, o, d, length);
+    const TubeGather gather = tube_gather_select();
+    FieldRadiance sum = {.radiance = {0, 0, 0}};
+    for (uint32_t i = 0; i < tubes->tree_count; ++i) {
+        const FieldRadiance part = gather(&tubes->trees[i], &tubes->medium, o, d, length);
+        sum.radiance = rgb_add(sum.radiance, part.radiance);
+        sum.frequency += part.frequency;
+        sum.contribution += part.contribution;
+    }
+    return sum;
 }

@@ -21,10 +21,12 @@ typedef struct TubeParams {
     bool adjoint_normals; /* see BoundaryCrossing */
 } TubeParams;
 
+/* One tree for each light and material of the boundary that it enters through. */
 typedef struct TubeField {
     uint64_t tube_count;
     Medium medium;
-    TubeTree tree;
+    TubeTree *trees;
+    uint32_t tree_count;
 } TubeField;
 
 /* What building tubes counts on the way, over all objects. */
