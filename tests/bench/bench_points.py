@@ -23,6 +23,7 @@ import metrics  # noqa: E402
 from api import ESTIMATORS, LIBRARY, POINTS, BuildScene  # noqa: E402
 from bumpy import (  # noqa: E402
     SAMPLES,
+    SIDE_LIT,
     SIZE,
     bumpy,
     measure,
@@ -74,7 +75,7 @@ def print_row(row: Row, rays: float) -> None:
 
 
 def sweep(build: BuildScene, quick: bool, threads: int) -> None:
-    truth, cover = reference()
+    truth, cover = reference(SIDE_LIT, threads)
     mask = cover > 0
     traced = rays_alone(build, threads)
     warn_if_stale(traced, cover)

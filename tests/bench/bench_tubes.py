@@ -59,7 +59,7 @@ class View:
     def __init__(self, view: bumpy.View, threads: int) -> None:
         self.name, self.threads = view.name, threads
         self.build: BuildScene = bumpy.bumpy(5, view)
-        self.truth, cover = bumpy.reference(view)
+        self.truth, cover = bumpy.reference(view, threads)
         self.mask = cover > 0
         traced = [bumpy.rays_alone(self.build, threads) for _ in range(REPEATS)]
         bumpy.warn_if_stale(traced[0], cover)
@@ -79,8 +79,8 @@ class View:
             image.report["memory"]["field_bytes"],
         )
 
-    def tubes(self) -> list[Row]:
-        return [self.measure("TUBES", f"refinement {r}", level=r) for r in range(3)]
+    def tubes(self, refinements: int) -> list[Row]:
+        return [self.measure("TUBES", f"refinement {r}", level=r) for r in range(refinements)]
 
     def points(
         self, estimator: str, error: str, target: float, last_log2: int
@@ -159,14 +159,14 @@ def print_ratio(
         last = max((row for rows in curves.values() for row in rows), key=lambda row: row.cpu)
         print(
             f"- {label}{name} does not reach it within {last.setting.split(',')[0]} samples: more "
-            f"than {last.cpu / mine.cpu:.0f} times the CPU time of TUBES, {mine.setting}"
+            f"than {last.cpu / mine.cpu:.3g} times the CPU time of TUBES, {mine.setting}"
         )
         return None
     cpu, size, kernel = best
     print(
         f"- {label}{name}, C_k {kernel:g}: {cpu:.2f} CPU s, {size / 1e6:.1f} MB; TUBES, "
         f"{mine.setting}: {mine.cpu:.3f} CPU s, {mine.bytes / 1e6:.2f} MB: "
-        f"**{cpu / mine.cpu:.0f} times the CPU time, {size / mine.bytes:.0f} times the bytes**"
+        f"**{cpu / mine.cpu:.3g} times the CPU time, {size / mine.bytes:.3g} times the bytes**"
     )
     return cpu / mine.cpu, size / mine.bytes
 
@@ -212,7 +212,7 @@ def views(threads: int, last_log2: int) -> None:
         view = View(place, threads)
         angle = np.degrees(bumpy.ASIDE)
         print(f"\n## {view.name}, {angle:g} degrees off the light, {threads} thread(s)\n")
-        tubes = view.tubes()
+        tubes = view.tubes(2)  # far from the reference, which are tubes too
         fixed = view.points("POINTS_FIXED", "floored_rel", VIEW_TARGET, last_log2)
         covariance = view.points("POINTS_COVARIANCE", "floored_rel", VIEW_TARGET, last_log2)
         both = [row for curves in (fixed, covariance) for rows in curves.values() for row in rows]
@@ -228,7 +228,7 @@ def views(threads: int, last_log2: int) -> None:
 def equal_error(threads: int, last_log2: int) -> None:
     view = View(bumpy.SIDE_LIT, threads)
     print(f"\n## Side-lit, {threads} thread(s)\n")
-    tubes = view.tubes()
+    tubes = view.tubes(3)
     fixed = view.points("POINTS_FIXED", "rel_rmse", min(TARGETS), last_log2)
     covariance = view.points("POINTS_COVARIANCE", "rel_rmse", min(TARGETS), last_log2)
     specular = view.specular()
