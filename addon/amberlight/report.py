@@ -54,11 +54,12 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
         lines.append("memory: " + ", ".join(parts))
     light = report.get("light", {})
     if "rays" in light:
-        lines.append(
-            f"light: {light['tubes']} tubes"
-            if light.get("tubes")
-            else f"light: {light['rays']} rays, {light.get('volume_samples', 0)} volume samples"
-        )
+        what = f"{light['rays']} rays, {light.get('volume_samples', 0)} volume samples"
+        if light.get("tubes"):
+            what = f"{light['tubes']} tubes"
+        elif light.get("lit_triangles"):
+            what = f"{light['lit_triangles']} lit triangles"
+        lines.append("light: " + what)
     return lines
 
 

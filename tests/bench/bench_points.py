@@ -20,7 +20,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "images"))
 
 import metrics  # noqa: E402
-from api import ESTIMATORS, LIBRARY, POINTS, BuildScene  # noqa: E402
+from api import LIBRARY, POINTS, BuildScene  # noqa: E402
 from bumpy import (  # noqa: E402
     SAMPLES,
     SIDE_LIT,
@@ -112,7 +112,7 @@ def sweep(build: BuildScene, quick: bool, threads: int) -> None:
     print(f"\ncamera rays alone: {rays:.3f} CPU-s, median of {len(rays_cpu)}")
     print(f"cheapest setting that reaches {100 * TARGET:.0f} % rel_rmse (bar: {BAR_COST} x rays):")
     print(HEADER)
-    for estimator in ESTIMATORS:
+    for estimator in [*POINTS, "TUBES"]:
         good = [r for r in rows if r.estimator == estimator and r.rel_rmse <= TARGET]
         if good:
             print_row(min(good, key=lambda r: r.total), rays)
@@ -128,7 +128,7 @@ def speed_up(build: BuildScene, repeats: int = 3) -> None:
     """
     print(f"\nthreads (bar: {BAR_SPEEDUP} x with two), medians of {repeats}")
     print(f"{'estimator':<18}{'1: wall s':>10}{'2: wall s':>10}{'ratio':>8}{'cores got':>11}")
-    for estimator in ESTIMATORS:
+    for estimator in [*POINTS, "TUBES"]:
         wall: dict[int, list[float]] = {1: [], 2: []}
         cores: list[float] = []
         for _ in range(repeats):

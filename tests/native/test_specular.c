@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
  * Exact connections against the equations as they are printed: the half-vector condition, the
  * spread of the light by traced rays, integrals over t; and against tubes. */
-#include <string.h>
-
+#include "base/memory.h"
 #include "field/specular/specular.h"
 #include "field/specular/specular_curve.h"
 #include "shapes.h"
@@ -91,6 +90,21 @@ static void derivatives_match_differences(void) {
 }
 
 /* ---- The curve ------------------------------------------------------------------------------- */
+
+static CurveNode node_at(const SpecularFace *face, const SpecularSegment *segment, double u,
+                         double v) {
+    const SpecularLine line = specular_line(face, u, v);
+    return (CurveNode){u, v, specular_side(segment, line.p, line.w)};
+}
+
+static void search_whole(const SpecularFace *face, const SpecularSegment *segment,
+                         CurveVisitor visit, void *user) {
+    const CurveNode corners[3] = {node_at(face, segment, 0, 0), node_at(face, segment, 1, 0),
+                                  node_at(face, segment, 0, 1)};
+    const CurveNode middles[3] = {node_at(face, segment, 0.5, 0), node_at(face, segment, 0.5, 0.5),
+                                  node_at(face, segment, 0, 0.5)};
+    specular_curve(face, segment, corners, middles, visit, user);
+}
 
 /* H / |H| + N as in the papers, w_V from p to x; for n < 1 H points to the other side. */
 static Vec3d half_vector(const SpecularFace *face, double u, double v, Vec3d x) {
@@ -199,13 +213,12 @@ static void check_piece(void *user, const CurvePiece *piece) {
     ++found->compared;
     found->curve += sum;
     found->along_t += integral;
-    ENSURE_NEAR(sum / integral, 1.0, 0.05);
+    ENSURE_NEAR(sum / integral, 1.0, 0.1);
 }
 
 /* Half vectors, ends on the triangle's edges, and the measure against E by traced rays. */
 static void curve_is_that_of_the_half_vector(void) {
     static const double etas[] = {1.0 / 1.5, 1.0, 1.0 / 0.9, 1.0 / 1.33};
-    static const float whole[3][2] = {{0, 0}, {1, 0}, {0, 1}};
     Found found = {0};
     uint64_t state = 2;
     for (int trial = 0; trial < 600; ++trial) {
@@ -213,10 +226,10 @@ static void curve_is_that_of_the_half_vector(void) {
         const SpecularFace face =
             random_face(&state, etas[trial % 4], trial % 3 == 0 ? 1.5 : 0.1, &light);
         const SpecularSegment segment = random_segment(&state, &face);
-        specular_curve(&face, &segment, whole, check_piece, &found);
+        search_whole(&face, &segment, check_piece, &found);
     }
     ENSURE(found.pieces > 1000 && found.folds > 50 && found.compared > 300);
-    ENSURE(found.worst_condition < 1e-4);
+    ENSURE(found.worst_condition < 2e-3);
     ENSURE_NEAR(found.curve / found.along_t, 1.0, 1e-3);
 }
 
@@ -234,7 +247,6 @@ static void check_ends(void *user, const CurvePiece *piece) {
 
 /* With weakly bent normals no cell is cut: each piece runs from edge to edge. */
 static void pieces_end_on_edges(void) {
-    static const float whole[3][2] = {{0, 0}, {1, 0}, {0, 1}};
     Ends ends = {0, 0.0};
     uint64_t state = 3;
     for (int trial = 0; trial < 100; ++trial) {
@@ -242,7 +254,7 @@ static void pieces_end_on_edges(void) {
         const SpecularFace face = random_face(&state, 1.0 / 1.5, 0.02, &light);
         const SpecularSegment segment = random_segment(&state, &face);
         const int before = ends.count;
-        specular_curve(&face, &segment, whole, check_ends, &ends);
+        search_whole(&face, &segment, check_ends, &ends);
         ENSURE(ends.count > before);
     }
     ENSURE(ends.worst < 1e-9);
@@ -294,7 +306,6 @@ static void check_slab(void *user, const CurvePiece *piece) {
 }
 
 static void slab_matches_snell(void) {
-    static const float whole[3][2] = {{0, 0}, {1, 0}, {0, 1}};
     static const double indices[] = {1.5, 1.33, 1.0, 0.8};
     uint64_t state = 4;
     for (int trial = 0; trial < 40; ++trial) {
@@ -312,9 +323,9 @@ static void slab_matches_snell(void) {
         face.to_light = vec3d_from(light.position);
         SpecularSegment segment = {.d = unit(random_vector(&state, 1.0)), .length = 2.0};
         segment.o = vec3d_sub(random_vector(&state, 0.5), (Vec3d){0, 0, 0.8});
-        specular_curve(&face, &segment, whole, check_slab, &slab);
+        search_whole(&face, &segment, check_slab, &slab);
         ENSURE(slab.count > 0);
-        ENSURE(slab.worst < 2e-5);
+        ENSURE(slab.worst < 3e-4);
     }
 }
 
@@ -326,14 +337,14 @@ typedef struct Body {
     Job job;
 } Body;
 
-static Body make_body(bool is_box, float ior, uint32_t kind) {
+static Body make_body(bool is_box, bool is_smooth, float ior, uint32_t kind) {
     Body body;
     body.shape = is_box ? shape_box() : shape_sphere(10, 14);
     ENSURE_STATUS(amb_scene_create(&body.scene), AMB_OK);
     const AmbMaterial resin = shape_resin(ior, 0.6f, 0.1f, 0.5f);
     uint32_t material;
     ENSURE_STATUS(amb_scene_add_material(body.scene, &resin, &material), AMB_OK);
-    const AmbMesh mesh = shape_mesh(&body.shape, "body", true);
+    const AmbMesh mesh = shape_mesh(&body.shape, "body", is_smooth);
     shape_add(body.scene, &mesh, material, 1.0f, 0, 0, 0);
     AmbLight light;
     amb_light_init(&light, kind);
@@ -390,7 +401,7 @@ static void coarse_meshes_agree_with_fine_tubes(void) {
     static const float iors[] = {1.5f, 1.0f, 0.8f};
     static const uint32_t kinds[] = {AMB_LIGHT_POINT, AMB_LIGHT_SUN, AMB_LIGHT_SPOT};
     for (int i = 0; i < 12; ++i) {
-        Body body = make_body(i % 2 == 0, iors[i / 2 % 3], kinds[i / 4]);
+        Body body = make_body(i % 2 == 0, true, iors[i / 2 % 3], kinds[i / 4]);
         Field *exact = make_field(&body, AMB_ESTIMATOR_SPECULAR, i % 4 < 2);
         Field *tubes = make_field(&body, AMB_ESTIMATOR_TUBES, i % 4 < 2);
         LightTally exact_tally, tubes_tally;
@@ -420,9 +431,56 @@ static void coarse_meshes_agree_with_fine_tubes(void) {
     }
 }
 
+/* A cube of flat faces under a sun: light lines are parallel inside. Seen along them, and more and
+ * more nearly so, the whole segment is lit through a smaller and smaller part of one triangle. */
+static void views_along_the_light_are_exact(void) {
+    static const double tilts[] = {0.0, 1e-15, 1e-9, 1e-7, 1e-5, 1e-3, 0.1};
+    static const float iors[] = {1.5f, 1.0f};
+    for (int i = 0; i < 4; ++i) {
+        Body body = make_body(true, false, iors[i % 2], AMB_LIGHT_SUN);
+        /* From above, so that side faces take up next to nothing. */
+        SceneLight *sun = &body.scene->lights[0];
+        sun->direction = vec3_normalize(vec3(-0.003f, -0.002f, -1.0f));
+        vec3_frame(sun->direction, &sun->x, &sun->y);
+        const double ior = (double)iors[i % 2];
+        const Vec3d light = unit(vec3d_from(sun->direction));
+        const Vec3d wide = vec3d_scale((Vec3d){light.x, light.y, 0}, 1.0 / ior);
+        const double cos_t = sqrt(1.0 - wide.x * wide.x - wide.y * wide.y);
+        const Vec3d w = {wide.x, wide.y, -cos_t};
+        const double c = -light.z;
+        const double parallel = (ior * c - cos_t) / (ior * c + cos_t);
+        const double perpendicular = (c - ior * cos_t) / (c + ior * cos_t);
+        const double enters = 1.0 - 0.5 * (parallel * parallel + perpendicular * perpendicular);
+        Field *field = make_field(&body, AMB_ESTIMATOR_SPECULAR, false);
+        for (size_t k = 0; k < sizeof tilts / sizeof tilts[0]; ++k) {
+            const double side = i < 2 ? 1.0 : -1.0;
+            const Vec3d d = unit(vec3d_madd(vec3d_scale(w, side), tilts[k], (Vec3d){0.6, 0.8, 0}));
+            /* Half a metre around a point 0.6 below the top, where all light is from the top. */
+            const Vec3d x = {0.11, 0.07, 0.4};
+            const FieldSegment segment = {.o = vec3d_round(vec3d_madd(x, -0.25, d)),
+                                          .d = vec3d_round(d),
+                                          .length = 0.5f,
+                                          .object = 0};
+            double expected = 0.0;
+            enum { STEPS = 200 };
+            for (int n = 0; n < STEPS; ++n) {
+                const double t = 0.5 * (n + 0.5) / STEPS;
+                const Vec3d at = vec3d_madd(vec3d_from(segment.o), t, d);
+                expected += exp(-0.7 * (t + (1.0 - at.z) / cos_t)) * 0.5 / STEPS;
+            }
+            const double p = (double)phase_hg((float)-vec3d_dot(w, d), 0.5f);
+            expected *= 10.0 * c / cos_t * enters * 0.6 * p;
+            const FieldRadiance found = field_gather(field, &segment);
+            ENSURE_NEAR((double)found.radiance.r / expected, 1.0, 2e-4);
+        }
+        field_destroy(field);
+        free_body(&body);
+    }
+}
+
 static void tree_loses_no_cell(void) {
     for (int i = 0; i < 2; ++i) {
-        Body body = make_body(i == 0, 1.5f, AMB_LIGHT_POINT);
+        Body body = make_body(i == 0, true, 1.5f, AMB_LIGHT_POINT);
         SpecularField field;
         SpecularCount count = {0};
         ENSURE_STATUS(specular_build(body.scene, 0, true, &body.job, &count, &field), AMB_OK);
@@ -433,12 +491,13 @@ static void tree_loses_no_cell(void) {
             double sum = 0.0;
             for (uint64_t c = 0; c < field.tree.cell_count; ++c) {
                 /* A ball around everything, and all directions. */
-                SpecularCell cell = field.tree.cells[c];
-                cell.bound = (LineBound){.radius = 10.0f, .spread = 10.0f};
-                SpecularNode node = {.bound = cell.bound, .first = 0, .count = 1};
+                SpecularCell *cell = memory_copy_array(&field.tree.cells[c], 1, sizeof *cell);
+                ENSURE(cell != NULL);
+                cell->bound = (LineBound){.radius = 10.0f, .spread = 10.0f};
                 SpecularField one = field;
-                one.tree = (SpecularTree){&cell, &node, 1, 1};
+                ENSURE_STATUS(specular_tree_build(cell, 1, 1.0f, &body.job, &one.tree), AMB_OK);
                 sum += (double)specular_gather(&one, s.o, s.d, s.length).radiance.r;
+                specular_clear(&one);
             }
             ENSURE(sum > 0.0);
             ENSURE_NEAR(all.radiance.r, sum, 1e-5 * sum);
@@ -449,7 +508,7 @@ static void tree_loses_no_cell(void) {
 }
 
 static void build_does_not_depend_on_threads_and_can_be_cancelled(void) {
-    Body body = make_body(false, 1.5f, AMB_LIGHT_POINT);
+    Body body = make_body(false, true, 1.5f, AMB_LIGHT_POINT);
     SpecularField one, many, none;
     SpecularCount count = {0};
     ENSURE_STATUS(specular_build(body.scene, 0, true, &body.job, &count, &one), AMB_OK);
@@ -476,6 +535,7 @@ void test_specular(void) {
     RUN(pieces_end_on_edges);
     RUN(slab_matches_snell);
     RUN(coarse_meshes_agree_with_fine_tubes);
+    RUN(views_along_the_light_are_exact);
     RUN(tree_loses_no_cell);
     RUN(build_does_not_depend_on_threads_and_can_be_cancelled);
 }

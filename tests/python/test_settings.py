@@ -95,6 +95,8 @@ def test_summary():
     ]
     report["light"] = {"rays": 0, "volume_samples": 0, "tubes": 7}
     assert reports.summary_lines(report)[-1] == "light: 7 tubes"
+    report["light"] = {"rays": 0, "volume_samples": 0, "tubes": 0, "lit_triangles": 8}
+    assert reports.summary_lines(report)[-1] == "light: 8 lit triangles"
     assert reports.warning_lines(report) == ["open mesh (3 times)"]
     assert reports.summary_lines({}) == reports.warning_lines({}) == []
 

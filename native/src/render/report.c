@@ -57,10 +57,13 @@ static void add_memory(Text *text, const AmbRender *render) {
 
 static void add_light(Text *text, const AmbRender *render) {
     const bool is_tubes = render->plan.estimator == AMB_ESTIMATOR_TUBES;
+    const bool is_specular = render->plan.estimator == AMB_ESTIMATOR_SPECULAR;
     const unsigned long long elements = render->account.light_sample_count;
-    add(text, "  \"light\": {\"rays\": %llu, \"volume_samples\": %llu, \"tubes\": %llu, ",
-        (unsigned long long)render->account.ray_count, is_tubes ? 0 : elements,
-        is_tubes ? elements : 0);
+    add(text,
+        "  \"light\": {\"rays\": %llu, \"volume_samples\": %llu, \"tubes\": %llu, "
+        "\"lit_triangles\": %llu, ",
+        (unsigned long long)render->account.ray_count, is_tubes || is_specular ? 0 : elements,
+        is_tubes ? elements : 0, is_specular ? elements : 0);
     add_rgb(text, "flux_incident", render->account.tally.incident, ", ");
     add_rgb(text, "flux_entered", render->account.tally.entered, ", ");
     add_rgb(text, "flux_interacting", render->account.tally.interacting, "},\n");

@@ -17,6 +17,9 @@ enum {
  * its bounds. Meshes with rounded shapes are finer anyway; this is for cubes and slabs. */
 static const double SIZE_SHARE_MAX = 0.25;
 static const double ANGLE_MAX = 0.2;
+/* Towards total reflection (an index below 1) the refracted direction turns faster and faster: a
+ * quarter of that angle where its cosine to the normal is less than this. */
+static const double TOTAL_COS = 0.3;
 /* A spot's cone is covered by some cells across. */
 static const double SPOT_SHARE_MAX = 0.25;
 /* Bounds from six points count so much more: cubic terms. */
@@ -45,6 +48,7 @@ typedef struct Task {
     const Cutter *cutter;
     Chunk *chunk;
     SpecularFace face;
+    const SceneMaterial *material;
     uint32_t triangle, light;
 } Task;
 
@@ -98,18 +102,30 @@ static bool misses_spot(const SpecularFace *face, const Six *six, double size) {
     return half > SPOT_SHARE_MAX * outer && angle < outer + half;
 }
 
+/* Whether no light enters. */
+static bool is_total(const Six *six) {
+    for (int k = 0; k < 6; ++k)
+        if (!six->lines[k].is_total)
+            return false;
+    return true;
+}
+
 static bool is_coarse(const Task *task, const Six *six) {
     const Cutter *cutter = task->cutter;
-    double size = 0.0, turn = 0.0;
+    double size = 0.0, turn = 0.0, least_cos = 1.0;
     for (int k = 0; k < 3; ++k) {
         const int next = (k + 1) % 3;
         size = fmax(size, vec3d_length(vec3d_sub(six->lines[k].p, six->lines[next].p)));
         turn = fmax(turn, vec3d_length(vec3d_sub(six->lines[k].w, six->lines[next].w)));
         turn = fmax(turn, vec3d_length(vec3d_sub(six->lines[k].w, six->lines[3 + k].w)));
     }
+    for (int k = 0; k < 6; ++k)
+        least_cos = fmin(least_cos, six->lines[k].cos_t);
+    double turn_max = task->face.eta > 1.0 && least_cos < TOTAL_COS ? 0.25 * ANGLE_MAX : ANGLE_MAX;
+    if (is_total(six))
+        turn_max = INFINITY;
     const double radius = (double)cutter->scene->objects[cutter->object].radius;
-    return size > SIZE_SHARE_MAX * radius || turn > ANGLE_MAX ||
-           misses_spot(&task->face, six, size);
+    return size > SIZE_SHARE_MAX * radius || turn > turn_max || misses_spot(&task->face, six, size);
 }
 
 static LineBound bound_of(const Six *six) {
@@ -184,11 +200,15 @@ static bool trace_corner(Task *task, const Six *six, int corner, float *out_reac
 static AmbStatus emit_cell(Task *task, const Six *six, double area) {
     SpecularCell cell = {.bound = bound_of(six),
                          .reach = INFINITY,
+                         .material = task->material,
                          .triangle = task->triangle,
                          .light = task->light};
     bool is_lit[3];
     float reach[3];
     for (int k = 0; k < 3; ++k) {
+        cell.w[k] = six->lines[k].w;
+        const Vec3d mean = vec3d_scale(vec3d_add(cell.w[k], six->lines[(k + 1) % 3].w), 0.5);
+        cell.bend[k] = vec3d_round(vec3d_sub(six->lines[3 + k].w, mean));
         cell.corners[k][0] = (float)six->u[k]; /* multiples of 2^-LEVEL_MAX: exact */
         cell.corners[k][1] = (float)six->v[k];
         is_lit[k] = trace_corner(task, six, k, &reach[k]);
@@ -196,6 +216,8 @@ static AmbStatus emit_cell(Task *task, const Six *six, double area) {
         cell.lit_corners += is_lit[k];
     }
     tally_cell(task, six, area, is_lit, reach);
+    if (is_total(six))
+        return AMB_OK;
     return chunk_append(task->chunk, &cell);
 }
 
@@ -214,12 +236,30 @@ static AmbStatus cut(Task *task, const double u[3], const double v[3], int level
     return cut(task, six.u + 3, six.v + 3, level + 1);
 }
 
+/* Larger than 0 where the face is turned to the light. */
+static double facing(const SpecularFace *face) {
+    const bool is_sun = face->light->kind == AMB_LIGHT_SUN;
+    const Vec3d to_light = is_sun ? face->to_light : vec3d_sub(face->to_light, face->p);
+    return vec3d_dot(to_light, face->ng);
+}
+
 static AmbStatus cut_triangle(const Cutter *cutter, uint32_t light, uint32_t triangle,
                               Chunk *chunk) {
-    Task task = {.cutter = cutter, .chunk = chunk, .triangle = triangle, .light = light};
-    const SceneLight *lamp = &cutter->scene->lights[light];
-    if (!specular_face(cutter->scene, cutter->object, triangle, lamp, cutter->adjoint_normals,
-                       &task.face))
+    const AmbScene *scene = cutter->scene;
+    const SceneLight *lamp = &scene->lights[light];
+    const SurfacePoint middle =
+        scene_surface(scene, &(Hit){0.0f, 1.0f / 3.0f, 1.0f / 3.0f, cutter->object, triangle});
+    if (middle.material->surface != AMB_SURFACE_DIELECTRIC)
+        return AMB_OK;
+    Task task = {.cutter = cutter,
+                 .chunk = chunk,
+                 .face = specular_face_places(scene, cutter->object, triangle),
+                 .material = middle.material,
+                 .triangle = triangle,
+                 .light = light};
+    specular_face_light(scene, cutter->object, triangle, middle.material, lamp,
+                        cutter->adjoint_normals, &task.face);
+    if (!(task.face.area > 0.0) || !(facing(&task.face) > 0.0))
         return AMB_OK;
     static const double u[3] = {0.0, 1.0, 0.0}, v[3] = {0.0, 0.0, 1.0};
     return cut(&task, u, v, 0);

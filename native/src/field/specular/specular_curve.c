@@ -4,12 +4,17 @@
 #include "field/specular/specular_curve.h"
 
 enum {
+    EDGE_STEPS = 50,
     LEVEL_MAX = 6,  /* halvings of a cell whose curve is not clear */
     NEWTON_MAX = 12 /* steps; a root on an edge is bracketed and found by halving at worst */
 };
-/* Steps of Newton's method below this part of an edge or chord end it: what is left is its
- * square. */
-static const double STEP_MIN = 1e-6;
+/* Steps of Newton's method below this part of an edge or chord are the last ones: the place is
+ * moved by them, so that its error is their square, and the light is that of the place before.
+ * Times the sine between light and view, by which t and s are divided. */
+static const double EDGE_STEP_MIN = 1e-4;
+static const double STEP_MIN = 1e-5;
+/* Rounding of f, divided by that sine: no step needs to be smaller. */
+static const double ROUNDING = 1e-15;
 /* Differences of f from linear, measured at the middles of edges, count so many times. */
 static const double SAFETY = 2.0;
 /* The curve may leave its cell between its ends by this part of the cell. */
@@ -26,11 +31,9 @@ typedef struct Search {
     void *user;
 } Search;
 
-/* f and the line; no derivatives of f, no s and t. */
 static CurveNode node_at(const Search *search, double u, double v) {
     const SpecularLine line = specular_line(search->face, u, v);
-    const Vec3d to = vec3d_sub(line.p, search->segment->o);
-    return (CurveNode){u, v, vec3d_dot(to, vec3d_cross(line.w, search->segment->d))};
+    return (CurveNode){u, v, specular_side(search->segment, line.p, line.w)};
 }
 
 static CurvePoint point_at(const SpecularFace *face, const SpecularSegment *segment, double u,
@@ -40,6 +43,8 @@ static CurvePoint point_at(const SpecularFace *face, const SpecularSegment *segm
     const Vec3d to = vec3d_sub(line->p, segment->o);
     const Vec3d normal = vec3d_cross(line->w, segment->d);
     const Vec3d turn = vec3d_cross(segment->d, to); /* to . (w' x d) = w' . (d x to) */
+    point.normal = normal;
+    point.turn = turn;
     point.f = vec3d_dot(to, normal);
     point.f_u = vec3d_dot(face->p_u, normal) + vec3d_dot(line->w_u, turn);
     point.f_v = vec3d_dot(face->p_v, normal) + vec3d_dot(line->w_v, turn);
@@ -52,9 +57,15 @@ static CurvePoint point_at(const SpecularFace *face, const SpecularSegment *segm
     return point;
 }
 
+static double least_step(double step, const CurvePoint *point) {
+    const double sine = vec3d_length(point->normal);
+    return step * sine + ROUNDING / sine;
+}
+
 bool specular_curve_at(const CurvePiece *piece, double x, CurvePoint *out_point) {
     const double u = piece->a.u + x * piece->chord[0], v = piece->a.v + x * piece->chord[1];
-    double y = 0.0;
+    /* The cubic with the slopes of both ends is nearly there. */
+    double y = x * (1.0 - x) * ((1.0 - x) * piece->turn[0] - x * piece->turn[1]);
     for (int i = 0; i < NEWTON_MAX; ++i) {
         *out_point = point_at(piece->face, piece->segment, u + y * piece->across[0],
                               v + y * piece->across[1]);
@@ -62,8 +73,13 @@ bool specular_curve_at(const CurvePiece *piece, double x, CurvePoint *out_point)
         const double step = -out_point->f / slope;
         if (!(slope > 0.0) || (!(fabs(y + step) < 1.0) && !piece->is_straight))
             return false;
-        if (fabs(step) < STEP_MIN || piece->is_straight)
+        if (piece->is_straight)
             return true;
+        if (fabs(step) < least_step(STEP_MIN, out_point)) {
+            out_point->u += step * piece->across[0];
+            out_point->v += step * piece->across[1];
+            return true;
+        }
         y += step;
     }
     return false;
@@ -76,10 +92,20 @@ double specular_density(const CurvePiece *piece, const CurvePoint *point) {
     return 2.0 * piece->face->area * cell / slope;
 }
 
+/* Root in [0, 1] of the parabola through f at both ends, of different sign, and the middle. */
+static double parabola_root(double a, double middle, double b) {
+    const double bend = 4.0 * (middle - 0.5 * (a + b)), slope = b - a + bend; /* at 0 */
+    const double root = sqrt(slope * slope + 4.0 * a * bend);
+    /* a + slope x - bend x^2 = 0, the root between ends without cancellation. */
+    const double x = -2.0 * a / (slope + copysign(root, b - a));
+    return x >= 0.0 && x <= 1.0 ? x : a / (a - b);
+}
+
 /* Root of f on the edge between two nodes of different sign. */
-static CurvePoint edge_root(const Search *search, const CurveNode *a, const CurveNode *b) {
+static CurvePoint edge_root(const Search *search, const CurveNode *a, const CurveNode *middle,
+                            const CurveNode *b) {
     const double du = b->u - a->u, dv = b->v - a->v;
-    double low = 0.0, high = 1.0, x = a->f / (a->f - b->f);
+    double low = 0.0, high = 1.0, x = parabola_root(a->f, middle->f, b->f);
     CurvePoint point;
     for (int i = 0;; ++i) {
         point = point_at(search->face, search->segment, a->u + x * du, a->v + x * dv);
@@ -90,10 +116,18 @@ static CurvePoint edge_root(const Search *search, const CurveNode *a, const Curv
         double next = x - point.f / (point.f_u * du + point.f_v * dv);
         if (!(next > low && next < high) || i >= NEWTON_MAX)
             next = 0.5 * (low + high);
-        if (fabs(next - x) < STEP_MIN || high - low < STEP_MIN)
+        const double least = least_step(EDGE_STEP_MIN, &point);
+        if (fabs(next - x) < least || high - low < least || i >= EDGE_STEPS) {
+            point.u = a->u + next * du;
+            point.v = a->v + next * dv;
             return point;
+        }
         x = next;
     }
+}
+
+static double length_of(double x, double y) {
+    return sqrt(x * x + y * y);
 }
 
 static double slope_along(const CurvePoint *point, const double direction[2]) {
@@ -118,9 +152,9 @@ static bool make_piece(const CurveNode corners[3], CurvePiece *piece) {
     const CurvePoint *a = &piece->a, *b = &piece->b;
     piece->chord[0] = b->u - a->u;
     piece->chord[1] = b->v - a->v;
-    const double length = hypot(piece->chord[0], piece->chord[1]);
+    const double length = length_of(piece->chord[0], piece->chord[1]);
     const double g_u = a->f_u + b->f_u, g_v = a->f_v + b->f_v;
-    const double scale = length / hypot(g_u, g_v);
+    const double scale = length / length_of(g_u, g_v);
     piece->across[0] = scale * g_u;
     piece->across[1] = scale * g_v;
     const double cross =
@@ -128,15 +162,13 @@ static bool make_piece(const CurveNode corners[3], CurvePiece *piece) {
     if (!(cross >= SINE_MIN * length * length))
         return false;
     const double slope_a = slope_along(a, piece->across), slope_b = slope_along(b, piece->across);
+    piece->turn[0] = -slope_along(a, piece->chord) / slope_a;
+    piece->turn[1] = -slope_along(b, piece->chord) / slope_b;
     if (!(slope_a > 0.0) || !(slope_b > 0.0) || !specular_curve_at(piece, 0.5, &piece->middle))
         return false;
     return slope_along(&piece->middle, piece->across) > GRADIENT_MIN * fmax(slope_a, slope_b) &&
            fmin(slope_a, slope_b) > GRADIENT_MIN * fmax(slope_a, slope_b) &&
            is_near(corners, &piece->middle);
-}
-
-static bool is_negative(const CurveNode *node) {
-    return node->f < 0.0;
 }
 
 /* What is left at the last level, where Newton's method still does not follow the curve: the chord
@@ -146,75 +178,105 @@ static void take_chord(const Search *search, CurvePiece *piece) {
     piece->middle =
         point_at(search->face, search->segment, 0.5 * (a->u + b->u), 0.5 * (a->v + b->v));
     const double g_u = piece->middle.f_u, g_v = piece->middle.f_v;
-    const double length = hypot(piece->chord[0], piece->chord[1]);
-    const double scale = length / hypot(g_u, g_v);
+    const double length = length_of(piece->chord[0], piece->chord[1]);
+    const double scale = length / length_of(g_u, g_v);
     if (!(length > 0.0) || !isfinite(scale))
         return;
     piece->across[0] = scale * g_u;
     piece->across[1] = scale * g_v;
     piece->is_straight = true;
+    piece->turn[0] = piece->turn[1] = 0.0;
     const double least = GRADIENT_MIN * slope_along(&piece->middle, piece->across);
     if (slope_along(a, piece->across) > least && slope_along(b, piece->across) > least)
         search->visit(search->user, piece);
 }
 
-static void search_cell(const Search *search, const CurveNode corners[3], int level);
+static void search_cell(const Search *search, const CurveNode corners[3],
+                        const CurveNode middles[3], int level);
+
+static void search_part(const Search *search, const CurveNode corners[3], int level) {
+    CurveNode middles[3];
+    for (int k = 0; k < 3; ++k) {
+        const CurveNode *a = &corners[k], *b = &corners[(k + 1) % 3];
+        middles[k] = node_at(search, 0.5 * (a->u + b->u), 0.5 * (a->v + b->v));
+    }
+    search_cell(search, corners, middles, level);
+}
 
 static void cut_cell(const Search *search, const CurveNode corners[3], const CurveNode middles[3],
                      int level) {
     for (int k = 0; k < 3; ++k) {
         const CurveNode part[3] = {corners[k], middles[k], middles[(k + 2) % 3]};
-        search_cell(search, part, level + 1);
+        search_part(search, part, level + 1);
     }
-    search_cell(search, middles, level + 1);
+    search_part(search, middles, level + 1);
 }
+
+/* What the signs and sizes of f at six points say. */
+typedef struct Signs {
+    int negative;  /* of the corners */
+    bool may_pass; /* a curve may be inside */
+    bool is_clear; /* and is one only, from edge to edge, whose ends the signs show */
+} Signs;
 
 /* Whether f may cross zero twice between two nodes of one sign: by a parabola through the middle
  * whose bend counts SAFETY times. */
 static bool may_cross_twice(double a, double b, double bend) {
     const double bulge = SAFETY * fabs(bend);
-    return fmin(fabs(a), fabs(b)) < bulge && fabs(b - a) < 4.0 * bulge;
+    return (fabs(a) < bulge || fabs(b) < bulge) && fabs(b - a) < 4.0 * bulge;
 }
 
-static void search_cell(const Search *search, const CurveNode corners[3], int level) {
-    CurveNode middles[3]; /* of the edges 01, 12, 20 */
-    double bend = 0.0, least = INFINITY;
-    bool is_clear = true;
-    int negative = 0;
+static double larger(double a, double b) {
+    return a > b ? a : b;
+}
+
+static Signs signs_of(const CurveNode corners[3], const CurveNode middles[3]) {
+    Signs signs = {.is_clear = true};
+    double bend = 0.0, least = INFINITY, range = 0.0;
     for (int k = 0; k < 3; ++k) {
-        const CurveNode *a = &corners[k], *b = &corners[(k + 1) % 3];
-        middles[k] = node_at(search, 0.5 * (a->u + b->u), 0.5 * (a->v + b->v));
-        const double difference = middles[k].f - 0.5 * (a->f + b->f);
-        bend = fmax(bend, fabs(difference));
-        least = fmin(least, fabs(a->f));
-        negative += is_negative(a);
-        if (is_negative(a) == is_negative(b) && may_cross_twice(a->f, b->f, difference))
-            is_clear = false;
+        const double a = corners[k].f, b = corners[(k + 1) % 3].f;
+        const double difference = middles[k].f - 0.5 * (a + b);
+        bend = larger(bend, fabs(difference));
+        range = larger(range, fabs(b - a));
+        least = fabs(a) < least ? fabs(a) : least;
+        signs.negative += a < 0.0;
+        if ((a < 0.0) == (b < 0.0) && may_cross_twice(a, b, difference))
+            signs.is_clear = false;
     }
-    const bool has_signs = negative == 1 || negative == 2;
-    /* A parabola through six nodes is within 4/3 of its largest bend of the plane through three. */
-    if (!has_signs && (level == LEVEL_MAX || least > SAFETY * (4.0 / 3.0) * bend))
+    signs.may_pass = true;
+    if (signs.negative % 3 == 0) {
+        /* A parabola through six nodes is within 4/3 of its largest bend of the plane through
+         * three. Where no edge is crossed, only a closed curve would be missed, and for one the
+         * gradient must vanish inside. */
+        signs.may_pass = range > 0.0 && !(least > SAFETY * (4.0 / 3.0) * bend) &&
+                         !(signs.is_clear && range > 4.0 * SAFETY * bend);
+        signs.is_clear = false;
+    }
+    return signs;
+}
+
+bool specular_may_cross(const CurveNode corners[3], const CurveNode middles[3]) {
+    return signs_of(corners, middles).may_pass;
+}
+
+static void search_cell(const Search *search, const CurveNode corners[3],
+                        const CurveNode middles[3], int level) {
+    const Signs signs = signs_of(corners, middles);
+    const bool has_ends = signs.negative % 3 != 0;
+    if (!signs.may_pass || (level == LEVEL_MAX && !has_ends))
         return;
-    if (!has_signs && is_clear) {
-        /* No edge is crossed: only a closed curve would be missed, and for one the gradient must
-         * vanish inside. */
-        const double range =
-            fmax(fmax(fabs(corners[0].f - corners[1].f), fabs(corners[1].f - corners[2].f)),
-                 fabs(corners[2].f - corners[0].f));
-        if (range > 4.0 * SAFETY * bend)
-            return;
-    }
-    if (!has_signs || (!is_clear && level < LEVEL_MAX)) {
+    if (!signs.is_clear && level < LEVEL_MAX) {
         cut_cell(search, corners, middles, level);
         return;
     }
     /* The corner whose sign differs, and the two edges that meet there. */
     int apex = 0;
-    while (is_negative(&corners[apex]) != (negative == 1))
+    while ((corners[apex].f < 0.0) != (signs.negative == 1))
         ++apex;
     CurvePiece piece = {.face = search->face, .segment = search->segment};
-    piece.a = edge_root(search, &corners[apex], &corners[(apex + 1) % 3]);
-    piece.b = edge_root(search, &corners[apex], &corners[(apex + 2) % 3]);
+    const int next = (apex + 1) % 3, before = (apex + 2) % 3;
+    piece.a = edge_root(search, &corners[apex], &middles[apex], &corners[next]);
+    piece.b = edge_root(search, &corners[apex], &middles[before], &corners[before]);
     if (make_piece(corners, &piece))
         search->visit(search->user, &piece);
     else if (level < LEVEL_MAX)
@@ -224,10 +286,8 @@ static void search_cell(const Search *search, const CurveNode corners[3], int le
 }
 
 void specular_curve(const SpecularFace *face, const SpecularSegment *segment,
-                    const float corners[3][2], CurveVisitor visit, void *user) {
+                    const CurveNode corners[3], const CurveNode middles[3], CurveVisitor visit,
+                    void *user) {
     const Search search = {face, segment, visit, user};
-    CurveNode nodes[3];
-    for (int k = 0; k < 3; ++k)
-        nodes[k] = node_at(&search, (double)corners[k][0], (double)corners[k][1]);
-    search_cell(&search, nodes, 0);
+    search_cell(&search, corners, middles, 0);
 }

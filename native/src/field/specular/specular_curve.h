@@ -17,6 +17,7 @@ typedef struct CurvePoint {
     double f, f_u, f_v; /* (p - o) . (w x d) and derivatives */
     SpecularLine line;
     double s, t;
+    Vec3d normal, turn; /* w x d, d x (p - o): parallel on the curve */
 } CurvePoint;
 
 /* A corner or a middle of a cell, and f there. */
@@ -30,6 +31,7 @@ typedef struct CurvePiece {
     const SpecularFace *face;
     const SpecularSegment *segment;
     double chord[2], across[2]; /* in u and v */
+    double turn[2];             /* dy/dx at both ends */
     bool is_straight;           /* Newton's method did not follow it: y = 0, f is small */
     CurvePoint a, middle, b;    /* at x = 0, 1/2, 1 */
 } CurvePiece;
@@ -37,9 +39,18 @@ typedef struct CurvePiece {
 /* Takes up one piece. */
 typedef void (*CurveVisitor)(void *user, const CurvePiece *piece);
 
-/* All pieces of the curve inside the cell with these corners (u, v). */
+/* f where the light line p + s w starts. */
+static inline double specular_side(const SpecularSegment *segment, Vec3d p, Vec3d w) {
+    return vec3d_dot(vec3d_sub(p, segment->o), vec3d_cross(w, segment->d));
+}
+
+/* False where no curve can pass between these corners and middles of the edges 01, 12, 20. */
+bool specular_may_cross(const CurveNode corners[3], const CurveNode middles[3]);
+
+/* All pieces of the curve inside a cell: its corners, and the middles of the edges 01, 12, 20. */
 void specular_curve(const SpecularFace *face, const SpecularSegment *segment,
-                    const float corners[3][2], CurveVisitor visit, void *user);
+                    const CurveNode corners[3], const CurveNode middles[3], CurveVisitor visit,
+                    void *user);
 
 /* The curve's point at x; false where Newton's method does not converge. */
 bool specular_curve_at(const CurvePiece *piece, double x, CurvePoint *out_point);

@@ -10,53 +10,47 @@ static const double GRAZING_COS = 1e-3;
  * search for solutions uses it there. */
 static const double COS_T_MIN = 1e-6;
 
-static const uint32_t *corner_indices(const SceneMesh *mesh, uint32_t triangle) {
-    return mesh->triangles + 3 * (uint64_t)triangle;
+SpecularFace specular_face_places(const AmbScene *scene, uint32_t object, uint32_t triangle) {
+    const SceneObject *body = &scene->objects[object];
+    const uint32_t *index = scene->meshes[body->mesh].triangles + 3 * (uint64_t)triangle;
+    SpecularFace face = {.p = vec3d_from(body->positions[index[0]])};
+    face.p_u = vec3d_sub(vec3d_from(body->positions[index[1]]), face.p);
+    face.p_v = vec3d_sub(vec3d_from(body->positions[index[2]]), face.p);
+    return face;
 }
 
-bool specular_face(const AmbScene *scene, uint32_t object, uint32_t triangle,
-                   const SceneLight *light, bool adjoint_normals, SpecularFace *out_face) {
+void specular_face_light(const AmbScene *scene, uint32_t object, uint32_t triangle,
+                         const SceneMaterial *material, const SceneLight *light,
+                         bool adjoint_normals, SpecularFace *face) {
     const SceneObject *body = &scene->objects[object];
     const SceneMesh *mesh = &scene->meshes[body->mesh];
-    const SurfacePoint middle =
-        scene_surface(scene, &(Hit){0.0f, 1.0f / 3.0f, 1.0f / 3.0f, object, triangle});
-    if (middle.material->surface != AMB_SURFACE_DIELECTRIC)
-        return false;
-    const uint32_t *index = corner_indices(mesh, triangle);
-    Vec3d p[3], n[3];
-    for (uint32_t k = 0; k < 3; ++k)
-        p[k] = vec3d_from(body->positions[index[k]]);
-    const Vec3d p_u = vec3d_sub(p[1], p[0]), p_v = vec3d_sub(p[2], p[0]);
-    Vec3d ng = vec3d_cross(p_u, p_v);
-    const double twice_area = vec3d_length(ng);
-    if (!(twice_area > 0.0))
-        return false;
-    ng = vec3d_scale(ng, (body->is_flipped ? -1.0 : 1.0) / twice_area);
-    for (uint32_t k = 0; k < 3; ++k) {
-        const uint64_t corner =
-            mesh->normal_domain == AMB_NORMALS_VERTEX ? index[k] : 3 * (uint64_t)triangle + k;
-        n[k] = body->normals != NULL ? vec3d_from(body->normals[corner]) : ng;
+    const Vec3d cross = vec3d_cross(face->p_u, face->p_v);
+    const double twice_area = vec3d_length(cross);
+    face->light = light;
+    face->eta = 1.0 / (double)material->ior;
+    face->color = rgb_mul(light->color, material->transmit_color);
+    face->adjoint_normals = adjoint_normals;
+    face->area = 0.5 * twice_area;
+    face->ng = vec3d_scale(cross, (body->is_flipped ? -1.0 : 1.0) / twice_area);
+    face->n = face->ng;
+    face->n_u = face->n_v = (Vec3d){0, 0, 0};
+    if (body->normals != NULL) {
+        const uint32_t *index = mesh->triangles + 3 * (uint64_t)triangle;
+        Vec3d n[3];
+        for (uint32_t k = 0; k < 3; ++k)
+            n[k] = vec3d_from(body->normals[mesh->normal_domain == AMB_NORMALS_VERTEX
+                                                ? index[k]
+                                                : 3 * (uint64_t)triangle + k]);
+        face->n = n[0];
+        face->n_u = vec3d_sub(n[1], n[0]);
+        face->n_v = vec3d_sub(n[2], n[0]);
     }
-    const bool is_sun = light->kind == AMB_LIGHT_SUN;
-    Vec3d to_light = vec3d_from(is_sun ? vec3_negate(light->direction) : light->position);
-    if (is_sun)
-        to_light = vec3d_scale(to_light, 1.0 / vec3d_length(to_light));
-    if (!(vec3d_dot(is_sun ? to_light : vec3d_sub(to_light, p[0]), ng) > 0.0))
-        return false;
-    *out_face = (SpecularFace){.light = light,
-                               .p = p[0],
-                               .p_u = p_u,
-                               .p_v = p_v,
-                               .n = n[0],
-                               .n_u = vec3d_sub(n[1], n[0]),
-                               .n_v = vec3d_sub(n[2], n[0]),
-                               .ng = ng,
-                               .to_light = to_light,
-                               .eta = 1.0 / (double)middle.material->ior,
-                               .area = 0.5 * twice_area,
-                               .color = rgb_mul(light->color, middle.material->transmit_color),
-                               .adjoint_normals = adjoint_normals};
-    return true;
+    if (light->kind == AMB_LIGHT_SUN) {
+        const Vec3d to_light = vec3d_negate(vec3d_from(light->direction));
+        face->to_light = vec3d_scale(to_light, 1.0 / vec3d_length(to_light));
+    } else {
+        face->to_light = vec3d_from(light->position);
+    }
 }
 
 /* A unit vector and its derivatives. */
@@ -103,7 +97,7 @@ static Unit turned_back(Unit n, Unit wi, double cos_s) {
 }
 
 SpecularLine specular_line(const SpecularFace *face, double u, double v) {
-    SpecularLine line = {.p = vec3d_madd(vec3d_madd(face->p, u, face->p_u), v, face->p_v)};
+    SpecularLine line = {.p = specular_point(face, u, v)};
     const Unit wi = light_direction(face, line.p);
     Unit n = shading_normal(face, u, v);
     double c = vec3d_dot(wi.v, n.v);

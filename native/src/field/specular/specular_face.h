@@ -35,12 +35,26 @@ typedef struct SpecularLine {
     bool is_total; /* total reflection: w is the nearest direction along the face */
 } SpecularLine;
 
-/* False for a triangle that is no boundary, turned away from the light, or without area. */
-bool specular_face(const AmbScene *scene, uint32_t object, uint32_t triangle,
-                   const SceneLight *light, bool adjoint_normals, SpecularFace *out_face);
+/* Places of the triangle that the index names, alone: p, p_u, p_v. */
+SpecularFace specular_face_places(const AmbScene *scene, uint32_t object, uint32_t triangle);
+
+/* Adds the rest; the area is larger than 0. */
+void specular_face_light(const AmbScene *scene, uint32_t object, uint32_t triangle,
+                         const SceneMaterial *material, const SceneLight *light,
+                         bool adjoint_normals, SpecularFace *face);
+
+static inline Vec3d specular_point(const SpecularFace *face, double u, double v) {
+    return vec3d_madd(vec3d_madd(face->p, u, face->p_u), v, face->p_v);
+}
 
 /* Light line at barycentric weights u, v of the second and third vertex. */
 SpecularLine specular_line(const SpecularFace *face, double u, double v);
+
+/* Distance to the light, m; infinite for a sun. */
+static inline double specular_light_distance(const SpecularFace *face, Vec3d p) {
+    return face->light->kind == AMB_LIGHT_SUN ? (double)INFINITY
+                                              : vec3d_length(vec3d_sub(face->to_light, p));
+}
 
 /* Flux that arrives there and goes on with the line, per area of the triangle and unit colour of
  * the light, 1/m^2; 0 where none enters. */

@@ -15,12 +15,19 @@ static const double SIMPSON_DIFFERENCE_MAX = 0.02;
  * before visibility, which is asked for in their middles, is trusted. */
 static const double LENGTH_SHARE_MAX = 0.25;
 /* Where the light is as near as this to the end of its way, a surface may be between. */
-static const double REACH_SHARE_MAX = 0.8;
+static const double REACH_SHARE_MAX = 0.95;
 /* Where uneven visibility is asked for beside the ends of a piece. */
 static const double END_SHRINK = 1e-3;
 /* Ends of the segment are found to this part of its length. */
 static const double END_TOLERANCE = 1e-7;
-/* The point in the medium is on a surface if it is nearer than this part of the light's way. */
+/* The shortest piece: where view and light are nearly parallel, the whole segment is seen through
+ * a small part of a cell. */
+static const double WIDTH_MIN = 1e-13;
+/* Sine between light and view below which the digits of a double do not tell where they meet, and
+ * the angle by which the view is then turned. Both bend the light by less than a pixel. */
+static const double PARALLEL_SINE = 1e-5;
+static const double NUDGE = 4e-5;
+/* What is nearer to the point in the medium than this part of the light's way does not hide it. */
 static const float TOUCH_SHARE = 1e-5f;
 
 typedef struct Gather {
@@ -30,6 +37,8 @@ typedef struct Gather {
     SpecularFace face;
     const SpecularCell *cell;
     double sum[3], frequency, contribution;
+    bool is_parallel; /* some light is parallel to the view */
+    bool is_turned;   /* and the view was turned */
 } Gather;
 
 /* A point of a piece and its light. */
@@ -58,8 +67,9 @@ static Sample sample_of(const Gather *gather, const CurvePiece *piece, double x,
     const Medium *medium = gather->medium;
     const double color[3] = {(double)gather->face.color.r, (double)gather->face.color.g,
                              (double)gather->face.color.b};
-    const double sigma_t[3] = {(double)medium->sigma_t.r, (double)medium->sigma_t.g,
-                               (double)medium->sigma_t.b};
+    const Rgb transmittance = medium_transmittance(medium, (float)(point->s + point->t));
+    const double left[3] = {(double)transmittance.r, (double)transmittance.g,
+                            (double)transmittance.b};
     double scattered[3] = {0, 0, 0};
     for (uint32_t l = 0; l < medium->lobe_count; ++l) {
         const MediumLobe *lobe = &medium->lobes[l];
@@ -69,7 +79,7 @@ static Sample sample_of(const Gather *gather, const CurvePiece *piece, double x,
         scattered[2] += (double)lobe->sigma_s.b * p;
     }
     for (int k = 0; k < 3; ++k) {
-        sample.value[k] = flux * color[k] * scattered[k] * exp(-sigma_t[k] * (point->s + point->t));
+        sample.value[k] = flux * color[k] * scattered[k] * left[k];
         sample.mean += sample.value[k] / 3.0;
     }
     return sample;
@@ -87,13 +97,13 @@ static bool sample_at(const Gather *gather, const CurvePiece *piece, double x, S
  * medium. The published code asks for the first alone, which is enough for convex shapes. */
 static bool is_visible(const Gather *gather, const CurvePoint *point) {
     const AmbScene *scene = gather->field->scene;
-    const float u = clampf((float)point->u, 0.0f, 1.0f);
-    const float v = clampf((float)point->v, 0.0f, 1.0f - u);
-    const SurfacePoint surface =
-        scene_surface(scene, &(Hit){0.0f, u, v, gather->field->object, gather->cell->triangle});
-    const LightArrival light = light_arrival(gather->face.light, surface.p, (Sample2){0.5f, 0.5f});
-    const Vec3 w = vec3d_round(point->line.w);
-    return !scene_is_occluded(scene, scene_leave(&surface, light.wi), light.wi, light.distance) &&
+    /* Between its ends the curve of a cell at the triangle's edge may leave it by a little. */
+    const double u = fmin(fmax(point->u, 0.0), 1.0), v = fmin(fmax(point->v, 0.0), 1.0 - u);
+    const SurfacePoint surface = {.p = vec3d_round(specular_point(&gather->face, u, v)),
+                                  .ng = vec3d_round(gather->face.ng)};
+    const Vec3 wi = vec3d_round(point->line.wi), w = vec3d_round(point->line.w);
+    const float distance = (float)specular_light_distance(&gather->face, point->line.p);
+    return !scene_is_occluded(scene, scene_leave(&surface, wi), wi, distance) &&
            !scene_is_occluded(scene, scene_leave(&surface, w), w,
                               (float)point->s * (1.0f - TOUCH_SHARE));
 }
@@ -129,7 +139,7 @@ static Sample find_end(const Gather *gather, const CurvePiece *piece, Sample inn
     const double close = END_TOLERANCE * gather->segment.length;
     for (int i = 0; i < END_STEPS; ++i) {
         const double in = depth_in(gather, &inner.point), out = depth_in(gather, &outer.point);
-        if (in < close || fabs(outer.x - inner.x) < END_TOLERANCE)
+        if (in < close || fabs(outer.x - inner.x) < WIDTH_MIN)
             break;
         /* The secant and the middle in turn: neither sticks, one is fast. */
         const double share = i % 2 == 0 ? in / (in - out) : 0.5;
@@ -149,7 +159,7 @@ static void integrate(Gather *gather, const CurvePiece *piece, const Sample *a,
 
 static bool middle_of(const Gather *gather, const CurvePiece *piece, const Sample *a,
                       const Sample *b, Sample *out_middle) {
-    return fabs(b->x - a->x) > END_TOLERANCE &&
+    return fabs(b->x - a->x) > WIDTH_MIN &&
            sample_at(gather, piece, 0.5 * (a->x + b->x), out_middle);
 }
 
@@ -157,11 +167,11 @@ static bool middle_of(const Gather *gather, const CurvePiece *piece, const Sampl
 static bool halve(Gather *gather, const CurvePiece *piece, const Sample *a, const Sample *middle,
                   const Sample *b, int depth) {
     Sample first, second;
-    if (depth >= DEPTH_MAX || !middle_of(gather, piece, a, middle, &first) ||
+    if (!middle_of(gather, piece, a, middle, &first) ||
         !middle_of(gather, piece, middle, b, &second))
         return false;
-    integrate(gather, piece, a, &first, middle, depth + 1);
-    integrate(gather, piece, middle, &second, b, depth + 1);
+    integrate(gather, piece, a, &first, middle, depth);
+    integrate(gather, piece, middle, &second, b, depth);
     return true;
 }
 
@@ -175,7 +185,7 @@ static void integrate_inside(Gather *gather, const CurvePiece *piece, const Samp
     const double length = fabs(b->point.t - a->point.t);
     if ((fabs(simpson - middle->mean) > SIMPSON_DIFFERENCE_MAX * simpson ||
          length > LENGTH_SHARE_MAX * radius) &&
-        halve(gather, piece, a, middle, b, depth))
+        depth < DEPTH_MAX && halve(gather, piece, a, middle, b, depth + 1))
         return;
     const bool is_lit = is_visible(gather, &middle->point);
     const double reach = (double)gather->cell->reach * REACH_SHARE_MAX;
@@ -185,10 +195,33 @@ static void integrate_inside(Gather *gather, const CurvePiece *piece, const Samp
     if (may_be_cut && depth < DEPTH_MAX &&
         (is_visible_at(gather, piece, a->x + shrink) != is_lit ||
          is_visible_at(gather, piece, b->x - shrink) != is_lit) &&
-        halve(gather, piece, a, middle, b, depth))
+        halve(gather, piece, a, middle, b, depth + 1))
         return;
     if (is_lit)
         add(gather, a, middle, b, fabs(b->x - a->x));
+}
+
+/* Whether light becomes parallel to the view between two points, where t and s are infinite and
+ * change sign, or starts on the camera's line, where s changes sign. */
+static bool turns_over(const CurvePoint *a, const CurvePoint *b) {
+    if (a->line.is_total || b->line.is_total)
+        return false;
+    return vec3d_dot(a->normal, b->normal) < 0.0 || vec3d_dot(a->turn, b->turn) < 0.0;
+}
+
+/* Whether a piece may be within the segment somewhere though its three samples are not. */
+static bool may_reach_in(const Gather *gather, const CurvePoint *a, const CurvePoint *middle,
+                         const CurvePoint *b) {
+    const double length = gather->segment.length;
+    const double t[3] = {a->t, middle->t, b->t};
+    double least = INFINITY, low = t[0], high = t[0];
+    for (int k = 0; k < 3; ++k) {
+        least = fmin(least, fmax(-t[k], t[k] - length));
+        low = fmin(low, t[k]);
+        high = fmax(high, t[k]);
+    }
+    /* A curve that turns back in t goes beyond its samples by less than they differ. */
+    return (low < 0.0 && high > length) || least < high - low;
 }
 
 static void integrate(Gather *gather, const CurvePiece *piece, const Sample *a,
@@ -202,19 +235,17 @@ static void integrate(Gather *gather, const CurvePiece *piece, const Sample *a,
         const Sample end = in_a ? find_end(gather, piece, *a, *b) : find_end(gather, piece, *b, *a);
         const Sample *from = in_a ? a : &end, *to = in_a ? &end : b;
         Sample between;
-        if (middle_of(gather, piece, from, to, &between))
+        if (depth < DEPTH_MAX && middle_of(gather, piece, from, to, &between))
             integrate(gather, piece, from, &between, to, depth + 1);
     } else if (in_middle || in_a) {
         /* In and out again, or out and in: each half has one end. */
+        if (depth < DEPTH_MAX)
+            halve(gather, piece, a, middle, b, depth + 1);
+    } else if (turns_over(&a->point, &middle->point) || turns_over(&middle->point, &b->point)) {
+        /* The way between is found at any width, and costs no depth. */
         halve(gather, piece, a, middle, b, depth);
-    } else {
-        /* All three outside: the whole segment may lie between two of them, and where a piece
-         * turns back, its turn may reach in. */
-        const double reach = fabs(b->point.t - a->point.t) + fabs(middle->point.t - a->point.t);
-        const double outside = -fmax(fmax(depth_in(gather, &a->point), depth_in(gather, &b->point)),
-                                     depth_in(gather, &middle->point));
-        if (outside < reach)
-            halve(gather, piece, a, middle, b, depth);
+    } else if (depth < DEPTH_MAX && may_reach_in(gather, &a->point, &middle->point, &b->point)) {
+        halve(gather, piece, a, middle, b, depth + 1);
     }
 }
 
@@ -226,12 +257,70 @@ static void integrate_piece(void *user, const CurvePiece *piece) {
     integrate(gather, piece, &a, &middle, &b, 0);
 }
 
+/* f at the six points whose light the cell keeps. */
+static void nodes_of(const Gather *gather, const SpecularCell *cell, CurveNode corners[3],
+                     CurveNode middles[3]) {
+    for (int k = 0; k < 3; ++k) {
+        const double u = (double)cell->corners[k][0], v = (double)cell->corners[k][1];
+        const Vec3d p = specular_point(&gather->face, u, v);
+        corners[k] = (CurveNode){u, v, specular_side(&gather->segment, p, cell->w[k])};
+    }
+    for (int k = 0; k < 3; ++k) {
+        const int next = (k + 1) % 3;
+        const double u = 0.5 * (corners[k].u + corners[next].u);
+        const double v = 0.5 * (corners[k].v + corners[next].v);
+        const Vec3d p = specular_point(&gather->face, u, v);
+        const Vec3d mean = vec3d_scale(vec3d_add(cell->w[k], cell->w[next]), 0.5);
+        const Vec3d w = vec3d_add(mean, vec3d_from(cell->bend[k]));
+        middles[k] = (CurveNode){u, v, specular_side(&gather->segment, p, w)};
+    }
+}
+
 static void gather_cell(Gather *gather, const SpecularCell *cell) {
     const SpecularField *field = gather->field;
     gather->cell = cell;
-    if (specular_face(field->scene, field->object, cell->triangle,
-                      &field->scene->lights[cell->light], field->adjoint_normals, &gather->face))
-        specular_curve(&gather->face, &gather->segment, cell->corners, integrate_piece, gather);
+    gather->face = specular_face_places(field->scene, field->object, cell->triangle);
+    CurveNode corners[3], middles[3];
+    nodes_of(gather, cell, corners, middles);
+    const Vec3d normal = vec3d_cross(cell->w[0], gather->segment.d);
+    if (vec3d_dot(normal, normal) < PARALLEL_SINE * PARALLEL_SINE && !gather->is_turned)
+        gather->is_parallel = true;
+    if (gather->is_parallel)
+        return;
+    if (!specular_may_cross(corners, middles))
+        return;
+    specular_face_light(field->scene, field->object, cell->triangle, cell->material,
+                        &field->scene->lights[cell->light], field->adjoint_normals, &gather->face);
+    specular_curve(&gather->face, &gather->segment, corners, middles, integrate_piece, gather);
+}
+
+static void search_tree(Gather *gather, const BoundQuery *query) {
+    const SpecularTree *tree = &gather->field->tree;
+    struct {
+        uint32_t level, index;
+    } stack[SPECULAR_CHILDREN * SPECULAR_LEVEL_MAX];
+    uint32_t depth = 0;
+    stack[depth].level = tree->level_count - 1;
+    stack[depth++].index = 0;
+    while (depth > 0) {
+        --depth;
+        const uint32_t level = stack[depth].level;
+        const uint64_t child = (uint64_t)stack[depth].index * SPECULAR_CHILDREN;
+        const SpecularNode *node = &tree->nodes[tree->first[level] + stack[depth].index];
+        uint32_t bits = specular_children_met(node, query);
+        const uint64_t count = tree->child_count[level] - child;
+        if (count < SPECULAR_CHILDREN)
+            bits &= (1u << count) - 1u;
+        for (; bits != 0; bits &= bits - 1) {
+            const uint64_t i = child + (uint64_t)__builtin_ctz(bits);
+            if (level == 0) {
+                gather_cell(gather, &tree->cells[i]);
+            } else {
+                stack[depth].level = level - 1;
+                stack[depth++].index = (uint32_t)i;
+            }
+        }
+    }
 }
 
 FieldRadiance specular_gather(const SpecularField *field, Vec3 o, Vec3 d, float length) {
@@ -239,25 +328,18 @@ FieldRadiance specular_gather(const SpecularField *field, Vec3 o, Vec3 d, float 
     Gather gather = {.field = field,
                      .medium = &scene->materials[scene->objects[field->object].inside].medium,
                      .segment = {vec3d_from(o), vec3d_from(d), (double)length}};
-    gather.segment.d = vec3d_scale(gather.segment.d, 1.0 / vec3d_length(gather.segment.d));
+    SpecularSegment *segment = &gather.segment;
+    segment->d = vec3d_scale(segment->d, 1.0 / vec3d_length(segment->d));
     const BoundQuery query = {o, d, length};
-    const SpecularTree *tree = &field->tree;
-    uint32_t stack[SPECULAR_DEPTH_MAX], depth = 0;
-    stack[depth++] = 0;
-    while (depth > 0) {
-        const uint32_t index = stack[--depth];
-        const SpecularNode *node = &tree->nodes[index];
-        if (!specular_bound_meets(&node->bound, &query))
-            continue;
-        if (node->count == 0) {
-            stack[depth++] = node->second;
-            stack[depth++] = index + 1;
-        }
-        for (uint32_t i = 0; i < node->count; ++i) {
-            const SpecularCell *cell = &tree->cells[node->first + i];
-            if (specular_bound_meets(&cell->bound, &query))
-                gather_cell(&gather, cell);
-        }
+    search_tree(&gather, &query);
+    if (gather.is_parallel) {
+        Vec3 x, y;
+        vec3_frame(d, &x, &y);
+        const Vec3d turned = vec3d_madd(segment->d, NUDGE, vec3d_from(x));
+        gather = (Gather){.field = field, .medium = gather.medium, .segment = gather.segment};
+        segment->d = vec3d_scale(turned, 1.0 / vec3d_length(turned));
+        gather.is_turned = true;
+        search_tree(&gather, &(BoundQuery){o, vec3d_round(segment->d), length});
     }
     FieldRadiance out;
     out.radiance = rgb((float)gather.sum[0], (float)gather.sum[1], (float)gather.sum[2]);

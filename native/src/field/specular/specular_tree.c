@@ -6,43 +6,50 @@
 
 #include "base/memory.h"
 
-enum { LEAF_MAX = 2 };
-
 /* Rounding of single precision in the sums below, in parts of what is summed. */
 static const float ROUNDING = 4e-6f;
 
-bool specular_bound_meets(const LineBound *bound, const BoundQuery *query) {
-    const float r = bound->radius, e = bound->spread;
-    const Vec3 a = vec3_sub(bound->center, query->o);
-    const Vec3 w = bound->w, d = query->d;
+/* One child, as a loop over eight that compilers vectorise. */
+static inline int is_met(const SpecularNode *node, int k, const BoundQuery *query) {
+    const float r = node->radius[k], e = node->spread[k];
+    const Vec3 w = vec3(node->w[0][k], node->w[1][k], node->w[2][k]), d = query->d;
+    const Vec3 center = vec3(node->center[0][k], node->center[1][k], node->center[2][k]);
+    const Vec3 a = vec3_sub(center, query->o);
     const float along = vec3_dot(a, d);
     const Vec3 off = vec3_madd(a, -along, d); /* from the camera's line */
-    const float distance = vec3_length(off);
+    const float distance = sqrtf(vec3_dot(off, off));
     const Vec3 normal = vec3_cross(w, d);
     /* f = off . (w x d), with off known to r and w to e. */
-    const float f = vec3_dot(off, normal);
-    const float slack = ROUNDING * (distance + fabsf(along) + r);
-    if (fabsf(f) > distance * e + r * (vec3_length(normal) + e) + slack)
-        return false;
+    const float f = fabsf(vec3_dot(off, normal));
+    const float f_slack = distance * e + r * (sqrtf(vec3_dot(normal, normal)) + e) +
+                          ROUNDING * (distance + fabsf(along) + r);
     /* Light goes forward: (x - p) . w > 0 at one end of the segment at least. */
     const Vec3 to_start = vec3_negate(a), to_end = vec3_madd(to_start, query->length, d);
-    const float start = vec3_length(to_start), end = vec3_length(to_end);
-    if (vec3_dot(to_start, w) + start * e + r + ROUNDING * start < 0.0f &&
-        vec3_dot(to_end, w) + end * e + r + ROUNDING * end < 0.0f)
-        return false;
+    const float start = sqrtf(vec3_dot(to_start, to_start));
+    const float end = sqrtf(vec3_dot(to_end, to_end));
+    const float start_slack = start * (e + ROUNDING) + r, end_slack = end * (e + ROUNDING) + r;
+    const int is_ahead =
+        (vec3_dot(to_start, w) + start_slack >= 0.0f) | (vec3_dot(to_end, w) + end_slack >= 0.0f);
     /* In the plane of the camera's line and the ball's centre, light passes between the ends: with
      * x = p + s w on the segment, ((start - p) x w) . m and ((end - p) x w) . m have opposite signs
-     * for any m. */
-    if (!(distance > 0.0f))
-        return true;
-    const Vec3 m = vec3_scale(vec3_cross(a, d), 1.0f / distance);
-    const float size = vec3_length(w) + e;
+     * for any m, here of length `distance`. */
+    const Vec3 m = vec3_cross(a, d);
     const float first = vec3_dot(vec3_cross(to_start, w), m);
     const float last = vec3_dot(vec3_cross(to_end, w), m);
-    const float first_slack = start * e + r * size + ROUNDING * start;
-    const float last_slack = end * e + r * size + ROUNDING * end;
-    return !(first > first_slack && last > last_slack) &&
-           !(first < -first_slack && last < -last_slack);
+    const float first_slack = distance * start_slack, last_slack = distance * end_slack;
+    const int is_beside = ((first > first_slack) & (last > last_slack)) |
+                          ((first < -first_slack) & (last < -last_slack));
+    return (f <= f_slack) & is_ahead & !is_beside;
+}
+
+uint32_t specular_children_met(const SpecularNode *node, const BoundQuery *query) {
+    int met[SPECULAR_CHILDREN];
+    for (int k = 0; k < SPECULAR_CHILDREN; ++k)
+        met[k] = is_met(node, k, query);
+    uint32_t bits = 0;
+    for (int k = 0; k < SPECULAR_CHILDREN; ++k)
+        bits |= (uint32_t)met[k] << k;
+    return bits;
 }
 
 typedef struct Builder {
@@ -96,22 +103,19 @@ static void select_middle(const Builder *builder, uint64_t begin, uint64_t end, 
     }
 }
 
-static LineBound bound_of(const Builder *builder, uint64_t begin, uint64_t end) {
-    const SpecularCell *cells = builder->tree->cells;
-    Vec3 low = cells[begin].bound.center, high = low;
-    Vec3 w_low = cells[begin].bound.w, w_high = w_low;
-    for (uint64_t i = begin + 1; i < end; ++i) {
-        low = vec3_min(low, cells[i].bound.center);
-        high = vec3_max(high, cells[i].bound.center);
-        w_low = vec3_min(w_low, cells[i].bound.w);
-        w_high = vec3_max(w_high, cells[i].bound.w);
+static LineBound bound_of(const LineBound *parts, uint64_t count) {
+    Vec3 low = parts[0].center, high = low, w_low = parts[0].w, w_high = w_low;
+    for (uint64_t i = 1; i < count; ++i) {
+        low = vec3_min(low, parts[i].center);
+        high = vec3_max(high, parts[i].center);
+        w_low = vec3_min(w_low, parts[i].w);
+        w_high = vec3_max(w_high, parts[i].w);
     }
     LineBound bound = {.center = vec3_scale(vec3_add(low, high), 0.5f),
                        .w = vec3_scale(vec3_add(w_low, w_high), 0.5f)};
-    for (uint64_t i = begin; i < end; ++i) {
-        const LineBound *part = &cells[i].bound;
-        const float place = vec3_length(vec3_sub(part->center, bound.center)) + part->radius;
-        const float turn = vec3_length(vec3_sub(part->w, bound.w)) + part->spread;
+    for (uint64_t i = 0; i < count; ++i) {
+        const float place = vec3_length(vec3_sub(parts[i].center, bound.center)) + parts[i].radius;
+        const float turn = vec3_length(vec3_sub(parts[i].w, bound.w)) + parts[i].spread;
         bound.radius = fmaxf(bound.radius, place * (1.0f + ROUNDING));
         bound.spread = fmaxf(bound.spread, turn * (1.0f + ROUNDING));
     }
@@ -137,35 +141,78 @@ static int widest_axis(const Builder *builder, uint64_t begin, uint64_t end) {
     return widest;
 }
 
-static AmbStatus build_node(Builder *builder, uint64_t begin, uint64_t end) {
+/* Sorts cells so that every aligned run of eight, 64, 512 .. lies close together: halves at powers
+ * of two. */
+static AmbStatus sort_cells(const Builder *builder, uint64_t begin, uint64_t end) {
     if (job_is_cancelled(builder->job))
         return AMB_CANCELLED;
-    SpecularTree *tree = builder->tree;
-    SpecularNode *node = &tree->nodes[tree->node_count++];
-    *node = (SpecularNode){.bound = bound_of(builder, begin, end),
-                           .first = (uint32_t)begin,
-                           .count = (uint32_t)(end - begin)};
-    if (end - begin <= LEAF_MAX)
+    const uint64_t count = end - begin;
+    if (count <= SPECULAR_CHILDREN)
         return AMB_OK;
-    const uint64_t middle = begin + (end - begin) / 2;
+    uint64_t left = SPECULAR_CHILDREN;
+    while (2 * left < count)
+        left *= 2;
+    const uint64_t middle = begin + left;
     select_middle(builder, begin, end, middle, widest_axis(builder, begin, end));
-    node->count = 0;
-    AMB_TRY(build_node(builder, begin, middle));
-    node->second = (uint32_t)tree->node_count;
-    return build_node(builder, middle, end);
+    AMB_TRY(sort_cells(builder, begin, middle));
+    return sort_cells(builder, middle, end);
+}
+
+/* Fills one level from the bounds of its children; they become those of its nodes. */
+static void build_level(SpecularTree *tree, uint32_t level, LineBound *bounds) {
+    const uint64_t children = tree->child_count[level];
+    SpecularNode *nodes = &tree->nodes[tree->first[level]];
+    for (uint64_t i = 0; i * SPECULAR_CHILDREN < children; ++i) {
+        const LineBound *parts = &bounds[i * SPECULAR_CHILDREN];
+        const uint64_t left = children - i * SPECULAR_CHILDREN;
+        const uint64_t count = left < SPECULAR_CHILDREN ? left : SPECULAR_CHILDREN;
+        SpecularNode *node = &nodes[i];
+        memset(node, 0, sizeof *node);
+        for (uint64_t k = 0; k < count; ++k) {
+            const float center[3] = {parts[k].center.x, parts[k].center.y, parts[k].center.z};
+            const float w[3] = {parts[k].w.x, parts[k].w.y, parts[k].w.z};
+            for (int axis = 0; axis < 3; ++axis) {
+                node->center[axis][k] = center[axis];
+                node->w[axis][k] = w[axis];
+            }
+            node->radius[k] = parts[k].radius;
+            node->spread[k] = parts[k].spread;
+        }
+        bounds[i] = bound_of(parts, count);
+    }
+}
+
+static AmbStatus build_nodes(SpecularTree *tree) {
+    uint64_t children = tree->cell_count;
+    do {
+        tree->first[tree->level_count] = tree->node_count;
+        tree->child_count[tree->level_count++] = children;
+        children = (children + SPECULAR_CHILDREN - 1) / SPECULAR_CHILDREN;
+        tree->node_count += children;
+    } while (children > 1);
+    tree->nodes = memory_alloc_array(tree->node_count, sizeof(SpecularNode));
+    LineBound *bounds = memory_alloc_array(tree->cell_count, sizeof *bounds);
+    if (tree->nodes == NULL || bounds == NULL) {
+        memory_free(bounds);
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for the tree of lit triangles");
+    }
+    for (uint64_t i = 0; i < tree->cell_count; ++i)
+        bounds[i] = tree->cells[i].bound;
+    for (uint32_t level = 0; level < tree->level_count; ++level)
+        build_level(tree, level, bounds);
+    memory_free(bounds);
+    return AMB_OK;
 }
 
 AmbStatus specular_tree_build(SpecularCell *cells, uint64_t cell_count, float scale, Job *job,
                               SpecularTree *out_tree) {
     *out_tree = (SpecularTree){.cells = cells, .cell_count = cell_count};
-    /* Halves of more than LEAF_MAX cells: no more leaves than cells. */
-    out_tree->nodes = memory_alloc_array(2 * cell_count, sizeof(SpecularNode));
-    AmbStatus status = AMB_OK;
-    if (out_tree->nodes == NULL)
-        status = status_fail(AMB_OUT_OF_MEMORY, "no memory for the tree of lit triangles");
-    Builder builder = {out_tree, job, scale};
-    if (status == AMB_OK && cell_count > 0)
-        status = build_node(&builder, 0, cell_count);
+    if (cell_count == 0)
+        return AMB_OK;
+    const Builder builder = {out_tree, job, scale};
+    AmbStatus status = sort_cells(&builder, 0, cell_count);
+    if (status == AMB_OK)
+        status = build_nodes(out_tree);
     if (status != AMB_OK)
         specular_tree_clear(out_tree);
     return status;

@@ -11,7 +11,8 @@
 #define AMB_FIELD_SPECULAR_SPECULAR_TREE_H
 
 #include "base/parallel.h"
-#include "math/vec3.h"
+#include "math/vec3d.h"
+#include "scene/scene.h"
 
 /* Light lines that start within a ball and go into a cone. */
 typedef struct LineBound {
@@ -24,37 +25,48 @@ typedef struct LineBound {
 /* A triangle under one light, or a part of it. */
 typedef struct SpecularCell {
     LineBound bound;
+    Vec3d w[3];          /* directions at its corners */
+    Vec3 bend[3];        /* of the directions at the middles of the edges 01, 12, 20, less the mean
+                          * of the edge's ends */
     float corners[3][2]; /* u, v */
     float reach;         /* m, the least distance from a corner, along its light, to a surface */
+    const SceneMaterial *material;
     uint32_t triangle, light;
     uint8_t lit_corners; /* how many of them light reaches */
 } SpecularCell;
 
+enum { SPECULAR_CHILDREN = 8, SPECULAR_LEVEL_MAX = 12 };
+
+/* Bounds of eight children side by side. */
 typedef struct SpecularNode {
-    LineBound bound;
-    uint32_t first, count; /* cells of a leaf; count 0: children are the next node and `second` */
-    uint32_t second;
+    float center[3][SPECULAR_CHILDREN];
+    float radius[SPECULAR_CHILDREN];
+    float w[3][SPECULAR_CHILDREN];
+    float spread[SPECULAR_CHILDREN];
 } SpecularNode;
 
+/* Node i of level l > 0 has the nodes 8i .. 8i+7 of level l-1 as children, as far as they are
+ * there, of level 0 the cells 8i .. 8i+7. */
 typedef struct SpecularTree {
     SpecularCell *cells;
     SpecularNode *nodes;
     uint64_t cell_count, node_count;
+    uint64_t first[SPECULAR_LEVEL_MAX]; /* index of a level's first node in nodes */
+    uint64_t child_count[SPECULAR_LEVEL_MAX];
+    uint32_t level_count;
 } SpecularTree;
 
-enum { SPECULAR_DEPTH_MAX = 64 };
-
-/* A camera segment and what its tests share. */
+/* A camera segment. */
 typedef struct BoundQuery {
     Vec3 o, d; /* d unit */
     float length;
 } BoundQuery;
 
-/* Whether a light line of the bound may meet the segment; never false where one does. */
-bool specular_bound_meets(const LineBound *bound, const BoundQuery *query);
+/* Bit k is set where a light line of child k may meet the segment; never clear where one does. */
+uint32_t specular_children_met(const SpecularNode *node, const BoundQuery *query);
 
 /* Takes the cells over (also on failure), and sorts them; scale: of the object, m. At most 2^31
- * cells. */
+ * cells; none make an empty tree. */
 AmbStatus specular_tree_build(SpecularCell *cells, uint64_t cell_count, float scale, Job *job,
                               SpecularTree *out_tree);
 void specular_tree_clear(SpecularTree *tree);
