@@ -432,6 +432,27 @@ def test_estimators_converge_to_the_same_image() -> None:
     assert metrics.mean_ratio(tubes, exact) == pytest.approx(np.ones(3), abs=1e-3)
 
 
+@pytest.mark.parametrize("shape", ["box", "bumpy"])
+def test_exact_connections_agree_with_fine_tubes_in_each_pixel(shape: str) -> None:
+    """A box seen over an edge, where the segments of corners are short, and curved caustics."""
+    mesh = box((-1.5, -0.4, -1.5), (1.5, 0.4, 1.5)) if shape == "box" else bumpy_sphere(4)
+
+    def build(scene: handles.Scene) -> None:
+        add_body(scene, mesh, Medium(1.5, 0.3, (0.01, 0.1, 0.6), 0.5))
+        add_point(scene, (-2.5, 4, 1.5), 100.0)
+        set_perspective(scene, (0, 3, 4.2), (0, -3, -4.2), (0, 1, 0), np.radians(46))
+
+    exact, tubes = (
+        render(build, 40, estimator=estimator, tube_refinement=3, samples=2)
+        for estimator in (SPECULAR, TUBES)
+    )
+    mask = exact.cover > 0
+    assert metrics.mean_ratio(tubes.pixels, exact.pixels, mask) == pytest.approx(
+        np.ones(3), abs=3e-4
+    )
+    assert metrics.rel_rmse(tubes.pixels, exact.pixels, mask) < (1e-3 if shape == "box" else 1e-2)
+
+
 @pytest.mark.parametrize("estimator", TRIANGLES.values(), ids=TRIANGLES.keys())
 def test_triangles_refuse_what_they_cannot_render(estimator: int) -> None:
     medium = Medium(1.5, 0.5, 0.5)

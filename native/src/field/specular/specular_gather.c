@@ -134,19 +134,29 @@ static void add(Gather *gather, const Sample *a, const Sample *middle, const Sam
     gather->contribution += mean;
 }
 
-/* The sample between an inner and an outer one where the light meets an end of the segment. */
+/* How far inside of that end of the segment the meeting is at which a point outside is. */
+static double depth_at_end(const Gather *gather, const CurvePoint *point, bool is_far_end) {
+    if (!(point->s > 0.0) || !isfinite(point->t))
+        return -gather->segment.length;
+    return is_far_end ? gather->segment.length - point->t : point->t;
+}
+
+/* The sample between an inner and an outer one where the light meets an end of the segment. An
+ * inner one may be at the other end within rounding: that one does not count. */
 static Sample find_end(const Gather *gather, const CurvePiece *piece, Sample inner, Sample outer) {
     const double close = END_TOLERANCE * gather->segment.length;
+    const bool is_far_end = outer.point.t > 0.5 * gather->segment.length;
     for (int i = 0; i < END_STEPS; ++i) {
-        const double in = depth_in(gather, &inner.point), out = depth_in(gather, &outer.point);
+        const double in = depth_at_end(gather, &inner.point, is_far_end);
+        const double out = depth_at_end(gather, &outer.point, is_far_end);
         if (in < close || fabs(outer.x - inner.x) < WIDTH_MIN)
             break;
         /* The secant and the middle in turn: neither sticks, one is fast. */
-        const double share = i % 2 == 0 ? in / (in - out) : 0.5;
+        const double share = i % 2 == 0 && out < 0.0 ? in / (in - out) : 0.5;
         Sample next;
         if (!sample_at(gather, piece, inner.x + share * (outer.x - inner.x), &next))
             break;
-        if (depth_in(gather, &next.point) >= 0.0)
+        if (depth_at_end(gather, &next.point, is_far_end) >= 0.0)
             inner = next;
         else
             outer = next;
