@@ -180,8 +180,6 @@ static Obstacle light_obstacle(const AmbScene *scene) {
         const SceneLight *light = &scene->lights[l];
         if (!(rgb_max(light->color) > 0.0f))
             continue;
-        if (light->kind == AMB_LIGHT_AREA || light->radius > 0.0f || light->angle > 0.0f)
-            return (Obstacle){"a lamp has an extent", light->name};
         if (light->kind != AMB_LIGHT_SUN && scene_media_at(scene, light->position).count > 0)
             return (Obstacle){"a lamp is inside a translucent object", light->name};
     }

@@ -314,7 +314,7 @@ typedef struct Patches {
     uint32_t found[PATCHES_ROOM], found_count;
     uint32_t touched[PATCHES_ROOM], touched_count;
     uint32_t tubes[PATCHES_ROOM];         /* of those touched, bits */
-    float bulges[PATCHES_ROOM];           /* m^2: f may be so far from linear in them */
+    float reaches[PATCHES_ROOM];          /* m, from the ray to their farthest corner, at most */
     float f[PATCHES_ROOM][PATCH_CORNERS]; /* at their corners */
 } Patches;
 
@@ -358,15 +358,15 @@ static inline void touch_patches(const TubeTree *tree, const Query *q, Patches *
         /* No corner is farther from the ray. */
         const float reach =
             vec3_length(vec3_cross(vec3_sub(patch->center, q->o), q->d)) + patch->radius;
-        const float bulge = patch->bulge * reach;
-        const uint32_t above = lanes_bits(values[0] > -bulge) | lanes_bits(values[1] > -bulge)
+        const float margin = (patch->bulge + patch->blur) * reach;
+        const uint32_t above = lanes_bits(values[0] > -margin) | lanes_bits(values[1] > -margin)
                                                                     << LANE_COUNT;
-        const uint32_t below = lanes_bits(values[0] < bulge) | lanes_bits(values[1] < bulge)
+        const uint32_t below = lanes_bits(values[0] < margin) | lanes_bits(values[1] < margin)
                                                                    << LANE_COUNT;
         const uint32_t tubes = words_meeting(patch->masks, above, below);
         patches->touched[touched] = patches->found[i];
         patches->tubes[touched] = tubes;
-        patches->bulges[touched] = bulge;
+        patches->reaches[touched] = reach;
         touched += tubes != 0;
     }
     patches->touched_count = touched;
@@ -374,9 +374,10 @@ static inline void touch_patches(const TubeTree *tree, const Query *q, Patches *
 }
 
 /* Adds the tubes of a touched patch that the zero curve crosses, and those that it may touch. */
-static inline void find_crossings(const TubeTree *tree, uint32_t p, uint32_t tubes, float bulge,
+static inline void find_crossings(const TubeTree *tree, uint32_t p, uint32_t tubes, float reach,
                                   const float f[PATCH_CORNERS], Queues *queues) {
     const TubePatch *patch = &tree->patches[p];
+    const float blur = patch->blur * reach; /* f is averaged over so much to either side, at most */
     const ByteList list = list_bits(tubes);
     const uint32_t count = (uint32_t)__builtin_popcount(tubes);
     for (uint32_t i = 0; i < count; i += LANE_COUNT) {
@@ -391,11 +392,12 @@ static inline void find_crossings(const TubeTree *tree, uint32_t p, uint32_t tub
         }
         const Lanes low = min_of(g), high = max_of(g);
         const LaneMask bulges = lanes_lookup_bytes(patch->bulges, numbers);
-        const Lanes margin = (bulge / 255.0f) * __builtin_convertvector(bulges, Lanes);
-        const LaneMask is_bent =
-            (margin > (BULGE * tree->bend_max) * (high - low)) & (low < margin) & (high > -margin);
+        const Lanes margin =
+            (patch->bulge * reach / 255.0f) * __builtin_convertvector(bulges, Lanes);
+        const LaneMask is_bent = (margin > (BULGE * tree->bend_max) * (high - low + blur)) &
+                                 (low < margin + blur) & (high > -margin - blur);
         const uint32_t bent = lanes_bits(is_bent) & all;
-        const uint32_t crossed = lanes_bits((low <= 0.0f) & (high > 0.0f)) & all & ~bent;
+        const uint32_t crossed = lanes_bits((low <= blur) & (high > -blur)) & all & ~bent;
         const Odd odd = odd_corner(g);
         const LanePack pack = lanes_pack_for(crossed);
         CrossedQueue *queue = &queues->crossed;
@@ -469,8 +471,8 @@ static inline Lanes3 between3(const Tubes *tubes, int r, int k, Lanes q) {
 
 /* Adds what tubes that are crossed send along the segment. A lane whose f does not
  * change its sign counts for nothing. */
-static inline void gather_tubes(const Tubes *tubes, const TubeLight *light, const Medium *medium,
-                                const Query *q, Sums *sums) {
+static inline void gather_tubes(const Tubes *tubes, const Lanes *soft, const TubeLight *light,
+                                const Medium *medium, const Query *q, Sums *sums) {
     const Lanes zero = lanes_set(0.0f), one = lanes_set(1.0f), half = lanes_set(0.5f);
     const Lanes3 d = set3(q->d), o = set3(q->o);
     const Lanes f = tubes->f[0];
@@ -480,7 +482,7 @@ static inline void gather_tubes(const Tubes *tubes, const TubeLight *light, cons
     /* Where the zero curve enters the triangle and where it leaves, on the edges from the first
      * corner. */
     const Lanes cut_b = f / gap_b, cut_c = f / gap_c;
-    const Lanes density = 2.0f * cut_b / abs_lanes(gap_c);
+    const Lanes density = soft != NULL ? *soft : 2.0f * cut_b / abs_lanes(gap_c);
     Meeting b = {.from = sub3(between3(tubes, CORNER_X, 1, cut_b), o),
                  .w = between3(tubes, CORNER_W, 1, cut_b)};
     Meeting c = {.from = sub3(between3(tubes, CORNER_X, 2, cut_c), o),
@@ -567,6 +569,76 @@ static inline Lanes3 refract(const TubeLight *light, Lanes3 d, Lanes3 n) {
     return normalize3(add3(scale3(d, eta), scale3(n, eta * cos_i - cos_t)));
 }
 
+/* Part of a triangle's area where a function that is linear over it is below c; its values at the
+ * corners in ascending order. */
+static inline Lanes area_below(Lanes c, Lanes low, Lanes middle, Lanes high) {
+    const Lanes tiny = lanes_set(1e-30f), one = lanes_set(1.0f);
+    c = lanes_max(low, lanes_min(high, c));
+    const Lanes range = high - low, up = c - low, down = high - c;
+    const Lanes first = up * up / lanes_max(range * (middle - low), tiny);
+    const Lanes last = one - down * down / lanes_max(range * (high - middle), tiny);
+    return lanes_select(c < middle, first, last);
+}
+
+/* f is averaged over less than this part of its range: the chord is as good. */
+static const float SOFT_MIN = 1e-3f;
+
+/* Averages delta(f) over a source with an extent. Where the source moves, f moves along by as much
+ * as w does, so delta becomes a box of the half width that gives the same variance, and its mean
+ * over a triangle a difference of areas. Everything else is taken on the chord in the middle of what
+ * is covered, on which f becomes zero; turns the tubes for it. */
+static inline Lanes soften_tubes(Tubes *tubes, const TubeLight *light, const Query *q) {
+    const Lanes3 direction = set3(q->d);
+    const Lanes third = lanes_set(1.0f / 3.0f), zero = lanes_set(0.0f);
+    const Lanes3 x = scale3(add3(add3(row3(tubes, 0, CORNER_X), row3(tubes, 1, CORNER_X)),
+                                 row3(tubes, 2, CORNER_X)),
+                            third);
+    const Lanes3 w = normalize3(add3(
+        add3(row3(tubes, 0, CORNER_W), row3(tubes, 1, CORNER_W)), row3(tubes, 2, CORNER_W)));
+    const Lanes3 d = light_direction(light, x), across = cross3(direction, sub3(x, set3(q->o)));
+    const Lanes3 from = sub3(x, set3(light->origin));
+    const Lanes eta = lanes_set(light->eta);
+    Lanes3 n = {zero, zero, zero};
+    Lanes bend = zero;
+    if (light->eta != 1.0f) {
+        n = normal_at(light, d, w);
+        const Lanes cos_t = lanes_max(-dot3(w, n), lanes_set(1e-4f));
+        bend = eta + eta * eta * dot3(d, n) / cos_t;
+    }
+    Lanes half2 = zero;
+    for (int k = 0; k < 2; ++k) {
+        Lanes3 moved = set3(light->extent[k]);
+        if (!light->is_directional)
+            moved = scale3(sub3(scale3(d, dot3(moved, d)), moved), 1.0f / lanes_sqrt(dot3(from, from)));
+        const Lanes3 dw = sub3(scale3(moved, eta), scale3(n, bend * dot3(moved, n)));
+        const Lanes by = dot3(across, dw);
+        half2 += by * by;
+    }
+    const Lanes low = min_of(tubes->f), high = max_of(tubes->f), range = high - low;
+    const Lanes middle = tubes->f[0] + tubes->f[1] + tubes->f[2] - low - high;
+    const LaneMask is_sharp = lanes_sqrt(half2) <= SOFT_MIN * range;
+    const Lanes half = lanes_max(lanes_sqrt(half2), SOFT_MIN * range);
+    const Lanes covered = area_below(half, low, middle, high) - area_below(-half, low, middle, high);
+    const Lanes bottom = lanes_max(low, -half), top = lanes_min(high, half);
+    const Lanes level = lanes_select(is_sharp, zero, 0.5f * (bottom + top));
+    for (int k = 0; k < 3; ++k)
+        tubes->f[k] -= level;
+    const Tubes before = *tubes;
+    turn_tubes(&before, tubes);
+    return covered / lanes_max(2.0f * half, lanes_set(1e-30f));
+}
+
+/* Adds what eight tubes send that are crossed, or nearly. */
+static inline void gather_crossed(Tubes *tubes, const TubeTree *tree, const Medium *medium,
+                                  const Query *q, Sums *sums) {
+    if (tree->blur > 0.0f) {
+        const Lanes density = soften_tubes(tubes, &tree->light, q);
+        gather_tubes(tubes, &density, &tree->light, medium, q, sums);
+    } else {
+        gather_tubes(tubes, NULL, &tree->light, medium, q, sums);
+    }
+}
+
 /* One of the four parts of each tube: the corners are those of the tube (0, 1, 2) and the middles
  * of its edges 01, 12, 20 (3, 4, 5). */
 static const uint8_t PARTS[4][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}};
@@ -604,14 +676,20 @@ static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTr
     }
     const Lanes low = min_of(f), high = max_of(f), level = tubes->level + 1.0f;
     const uint32_t all = (1u << count) - 1u;
-    const LaneMask is_straight = bend <= tree->bend_max * (high - low);
-    const uint32_t crossed = lanes_bits(is_straight & (low <= 0.0f) & (high > 0.0f)) & all;
+    Lanes blur = lanes_set(0.0f); /* as in find_crossings */
+    for (int k = 0; k < 3 && tree->blur > 0.0f; ++k) {
+        const Lanes3 across = cross3(d, sub3(row3(tubes, k, CORNER_X), o));
+        blur = lanes_max(blur, tree->blur * lanes_sqrt(dot3(across, across)));
+    }
+    const LaneMask is_straight = bend <= tree->bend_max * (high - low + blur);
+    const uint32_t crossed = lanes_bits(is_straight & (low <= blur) & (high > -blur)) & all;
     Tubes turned;
     if (crossed != 0) {
         turn_tubes(tubes, &turned);
         add_loose(&turned, crossed, &queues->parts);
     }
-    const LaneMask is_split = ~is_straight & (low <= BULGE * bend) & (high >= -BULGE * bend);
+    const LaneMask is_split =
+        ~is_straight & (low <= BULGE * bend + blur) & (high >= -BULGE * bend - blur);
     if ((lanes_bits(is_split) & all) == 0)
         return;
     /* Quadratic functions bend a quarter as much over half the length; half again for the rest. */
@@ -625,9 +703,9 @@ static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTr
             part.f[k] = f[PARTS[p][k]];
         }
         const Lanes bottom = min_of(part.f), top = max_of(part.f);
-        const LaneMask is_bent = (margin > (BULGE * tree->bend_max) * (top - bottom)) &
-                                 (bottom < margin) & (top > -margin) & ~is_last;
-        const LaneMask is_crossed = (bottom <= 0.0f) & (top > 0.0f) & ~is_bent;
+        const LaneMask is_bent = (margin > (BULGE * tree->bend_max) * (top - bottom + blur)) &
+                                 (bottom < margin + blur) & (top > -margin - blur) & ~is_last;
+        const LaneMask is_crossed = (bottom <= blur) & (top > -blur) & ~is_bent;
         const uint32_t bent = lanes_bits(is_split & is_bent) & all;
         const uint32_t whole = lanes_bits(is_split & is_crossed) & all;
         if (whole != 0) {
@@ -647,13 +725,13 @@ static inline void empty_queues(const TubeTree *tree, const Medium *medium, cons
     Tubes tubes;
     while (queues->crossed.count >= least) {
         take_crossed(tree, &queues->crossed, &tubes);
-        gather_tubes(&tubes, &tree->light, medium, q, sums);
+        gather_crossed(&tubes, tree, medium, q, sums);
     }
     while (queues->bent.count >= least || queues->parts.count >= least) {
         while (queues->parts.count >= LANE_COUNT ||
                (queues->parts.count >= least && queues->bent.count < least)) {
             take_loose(&queues->parts, &tubes);
-            gather_tubes(&tubes, &tree->light, medium, q, sums);
+            gather_crossed(&tubes, tree, medium, q, sums);
         }
         if (queues->bent.count >= least) {
             const uint32_t count = take_loose(&queues->bent, &tubes);
@@ -667,7 +745,7 @@ static inline void gather_patches(const TubeTree *tree, const Medium *medium, co
                                   Patches *patches, Queues *queues, Sums *sums) {
     touch_patches(tree, q, patches);
     for (uint32_t i = 0; i < patches->touched_count; ++i) {
-        find_crossings(tree, patches->touched[i], patches->tubes[i], patches->bulges[i],
+        find_crossings(tree, patches->touched[i], patches->tubes[i], patches->reaches[i],
                        patches->f[i], queues);
         if (queues->crossed.count >= QUEUE_FULL || queues->bent.count >= QUEUE_FULL)
             empty_queues(tree, medium, q, queues, false, sums);

@@ -25,7 +25,8 @@ typedef struct TubeLight {
     uint32_t value; /* TUBE_VALUE_* */
     bool is_directional;
     Vec3 origin; /* position, m, from the centre of the tree; of a sun the direction of travel */
-    float eta;   /* n before / n after the refraction at the corners */
+    Vec3 extent[2]; /* half of the source along two axes, m, of a sun rad; 0: a point */
+    float eta;      /* n before / n after the refraction at the corners */
 } TubeLight;
 
 /* A lit piece of the boundary and the light that goes on from it: inside, the light lines are
@@ -39,6 +40,7 @@ typedef struct Tube {
     float far;      /* m, beyond which none of the light is inside the object: for boxes */
     float bulge;    /* how far w between the corners may be from linear; 0: not at all, or w cannot
                      * be found again from the light */
+    float blur;     /* how far w moves over half of the source, both axes together, at most */
 } Tube;
 
 /* Numbers of a corner, side by side. */
@@ -55,6 +57,7 @@ typedef struct TubePatch {
     uint8_t numbers[3][PATCH_TUBES]; /* of its corners */
     uint8_t bulges[PATCH_TUBES];     /* of the tubes, in 1/255 of */
     float bulge;                     /* the largest */
+    float blur;                      /* the largest of the tubes */
     float radius;                    /* of a ball around all corners, m */
     Vec3 center;
 } TubePatch;

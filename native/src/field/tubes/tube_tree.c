@@ -47,20 +47,21 @@ static void add_point(Bounds *bounds, int quarter, Vec3 p, float reach) {
 }
 
 static void add_tube(Bounds *bounds, const Tube *tube) {
+    const float stray = tube->bulge + tube->blur;
     for (int k = 0; k < 3; ++k) {
         float line[LINE_AXES];
         line_of(tube->x[k], tube->w[k], line);
         for (int a = 0; a < LINE_AXES; ++a) {
-            const float reach = a < 3 ? tube->bulge * vec3_length(tube->x[k]) : tube->bulge;
+            const float reach = a < 3 ? stray * vec3_length(tube->x[k]) : stray;
             bounds->low[a] = fminf(bounds->low[a], line[a] - reach);
             bounds->high[a] = fmaxf(bounds->high[a], line[a] + reach);
         }
         for (int q = 0; q < TUBE_QUARTERS; ++q) {
             const float step = fminf(tube->limit[k], tube->far) / TUBE_QUARTERS;
             add_point(bounds, q, vec3_madd(tube->x[k], step * (float)q, tube->w[k]),
-                      tube->bulge * step * (float)q);
+                      stray * step * (float)q);
             add_point(bounds, q, vec3_madd(tube->x[k], step * (float)(q + 1), tube->w[k]),
-                      tube->bulge * step * (float)(q + 1));
+                      stray * step * (float)(q + 1));
         }
     }
 }
@@ -202,6 +203,8 @@ AmbStatus tube_tree_build(const Tube *tubes, uint64_t tube_count, const TubeLigh
     if (out_tree->patches == NULL || out_tree->nodes == NULL || builder.items == NULL) {
         status = status_fail(AMB_OUT_OF_MEMORY, "no memory for the tree of light tubes");
     } else {
+        for (uint64_t i = 0; i < tube_count; ++i)
+            out_tree->blur = fmaxf(out_tree->blur, tubes[i].blur);
         place_patches(&builder);
         status = build(&builder);
     }

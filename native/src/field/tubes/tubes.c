@@ -6,6 +6,7 @@
 
 #include "base/memory.h"
 #include "field/tubes/tube_gather.h"
+#include "field/tubes/tube_source.h"
 #include "scene/boundary.h"
 
 enum {
@@ -27,6 +28,8 @@ static const float SPOT_SHARE_MAX = 0.25f;
  * more than this part of its range over the corners, a tube is looked at more closely; every
  * refinement halves it. */
 static const float BEND_MAX = 0.1f;
+/* A tube's blur is larger than at its corners by no more than this. */
+static const float BLUR_SLACK = 1.2f;
 /* Ends whose distances differ by more than this factor are on different surfaces. */
 static const float LIMIT_RATIO_MAX = 1.2f;
 /* In radii of the object: farther than anything in it. */
@@ -42,6 +45,7 @@ typedef struct Corner {
     float arriving, flux; /* per area of the flat triangle and unit colour, before and after
                            * refraction, 1/m^2 */
     float value;          /* see TUBE_VALUE_* */
+    float blur;           /* see Entry */
     float reach;          /* m, to the next surface */
     float limit;          /* m, to where the light ends for the gather; see light_limit */
     bool is_lit;
@@ -58,15 +62,18 @@ typedef struct Cutter {
     const AmbScene *scene;
     const TubeParams *params;
     Job *job;
+    const TubeSource *sources;
+    uint32_t source_count;
     Chunk *chunks;
-    uint64_t triangle_chunks; /* chunks of one light */
+    uint64_t triangle_chunks; /* chunks of one source */
     uint32_t object;
 } Cutter;
 
 /* One triangle under one light. */
 typedef struct Face {
     const Cutter *cutter;
-    const SceneLight *light;
+    const TubeSource *source;
+    const SceneLight *light; /* the source's */
     Chunk *chunk;
     uint32_t triangle, material;
     Rgb color;
@@ -163,8 +170,28 @@ typedef struct Entry {
     Vec3 x; /* world, the same for neighbours */
     LightArrival light;
     DielectricSplit split;
-    Vec3 w; /* unit, refracted */
+    Vec3 w;     /* unit, refracted */
+    float blur; /* how far w moves over half of the source, both axes together */
 } Entry;
+
+/* Derivative of w by where the source is: of refraction, as in optics/tangent.h at a fixed point. */
+static float blur_at(const Face *face, const Entry *entry, Vec3 n, float eta) {
+    float sum = 0.0f;
+    for (int k = 0; k < 2; ++k) {
+        const Vec3 extent = face->source->extent[k], wi = entry->light.wi;
+        Vec3 dd = extent;
+        if (face->light->kind != AMB_LIGHT_SUN)
+            dd = vec3_scale(vec3_madd(extent, -vec3_dot(extent, wi), wi),
+                            -1.0f / entry->light.distance);
+        const float dc = -vec3_dot(dd, n);
+        const float bend = entry->split.cos_t > 0.0f
+                               ? eta - eta * eta * entry->split.cos_i / entry->split.cos_t
+                               : 0.0f;
+        const Vec3 dw = vec3_madd(vec3_scale(dd, eta), bend * dc, n);
+        sum += vec3_dot(dw, dw);
+    }
+    return sqrtf(sum);
+}
 
 static Entry enter_at(const Face *face, float u, float v) {
     const Hit hit = hit_of(face, u, v);
@@ -178,6 +205,7 @@ static Entry enter_at(const Face *face, float u, float v) {
         n = vec3_normalize(vec3_madd(n, TUBE_GRAZING_COS - cos_s, wi));
     entry.split = dielectric_split(d, n, 1.0f / entry.surface.material->ior);
     entry.w = entry.split.reflectance < 1.0f ? entry.split.refracted : d;
+    entry.blur = blur_at(face, &entry, n, 1.0f / entry.surface.material->ior);
     return entry;
 }
 
@@ -185,7 +213,7 @@ static Corner make_corner(const Face *face, float u, float v) {
     const Entry entry = enter_at(face, u, v);
     const Vec3 ng = entry.surface.ng;
     const DielectricSplit *split = &entry.split;
-    Corner corner = {.u = u, .v = v, .x = entry.x, .w = entry.w};
+    Corner corner = {.u = u, .v = v, .x = entry.x, .w = entry.w, .blur = entry.blur};
     const float cos_g = vec3_dot(entry.light.wi, ng), below = -vec3_dot(corner.w, ng);
     const float irradiance = scale_of(entry.light.irradiance, face->light->color);
     corner.arriving = irradiance * fmaxf(cos_g, 0.0f);
@@ -278,6 +306,7 @@ static AmbStatus emit_tube(const Face *face, const Corner corners[3], float area
         tube.w[k] = corner->w;
         tube.limit[k] = corner->limit;
         tube.far = fmaxf(tube.far, corner->reach);
+        tube.blur = fmaxf(tube.blur, BLUR_SLACK * corner->blur);
         tube.value[k] = corner->is_lit ? corner->value : 0.0f;
         is_bright = is_bright || flux > 0.0f;
         const double third = (double)flux / 3.0;
@@ -317,7 +346,7 @@ static AmbStatus cut(const Face *face, const Corner corners[3], uint32_t level, 
     return cut(face, middle, level + 1, edges);
 }
 
-static AmbStatus cut_triangle(const Cutter *cutter, const SceneLight *light, uint64_t triangle,
+static AmbStatus cut_triangle(const Cutter *cutter, const TubeSource *source, uint64_t triangle,
                               Chunk *chunk) {
     const AmbScene *scene = cutter->scene;
     const SceneObject *object = &scene->objects[cutter->object];
@@ -326,7 +355,8 @@ static AmbStatus cut_triangle(const Cutter *cutter, const SceneLight *light, uin
     const Vec3 normal =
         vec3_cross(vec3_sub(p[index[1]], p[index[0]]), vec3_sub(p[index[2]], p[index[0]]));
     Face face = {.cutter = cutter,
-                 .light = light,
+                 .source = source,
+                 .light = &source->light,
                  .chunk = chunk,
                  .triangle = (uint32_t)triangle,
                  .area = 0.5f * vec3_length(normal)};
@@ -336,6 +366,7 @@ static AmbStatus cut_triangle(const Cutter *cutter, const SceneLight *light, uin
     const SurfacePoint middle = scene_surface(scene, &hit);
     if (middle.material->surface != AMB_SURFACE_DIELECTRIC)
         return AMB_OK;
+    const SceneLight *light = face.light;
     const Vec3 to_light = light->kind == AMB_LIGHT_SUN ? vec3_negate(light->direction)
                                                        : vec3_sub(light->position, middle.p);
     if (!(vec3_dot(to_light, middle.ng) > 0.0f))
@@ -353,12 +384,10 @@ static AmbStatus cut_chunk(void *user, uint64_t begin, uint64_t end, uint32_t th
     const SceneObject *object = &cutter->scene->objects[cutter->object];
     const uint64_t triangle_count = cutter->scene->meshes[object->mesh].triangle_count;
     for (uint64_t c = begin; c < end; ++c) {
-        const SceneLight *light = &cutter->scene->lights[c / cutter->triangle_chunks];
-        if (!(rgb_max(light->color) > 0.0f))
-            continue;
+        const TubeSource *source = &cutter->sources[c / cutter->triangle_chunks];
         const uint64_t first = c % cutter->triangle_chunks * GRAIN;
         for (uint64_t i = first; i < first + GRAIN && i < triangle_count; ++i)
-            AMB_TRY(cut_triangle(cutter, light, i, &cutter->chunks[c]));
+            AMB_TRY(cut_triangle(cutter, source, i, &cutter->chunks[c]));
     }
     return AMB_OK;
 }
@@ -375,11 +404,12 @@ static void add_tallies(const Cutter *cutter, uint64_t chunk_count, TubeCount *c
     }
 }
 
-/* Tubes of one light through one material, in the order of triangles. tubes NULL: counts them. */
-static uint64_t select_tubes(const Cutter *cutter, uint32_t light, uint32_t material, Tube *tubes) {
+/* Tubes of one source through one material, in the order of triangles. tubes NULL: counts them. */
+static uint64_t select_tubes(const Cutter *cutter, uint32_t source, uint32_t material,
+                             Tube *tubes) {
     uint64_t count = 0;
     for (uint64_t c = 0; c < cutter->triangle_chunks; ++c) {
-        const Chunk *chunk = &cutter->chunks[light * cutter->triangle_chunks + c];
+        const Chunk *chunk = &cutter->chunks[source * cutter->triangle_chunks + c];
         for (uint64_t i = 0; i < chunk->count; ++i)
             if (chunk->materials[i] == material) {
                 if (tubes != NULL)
@@ -390,8 +420,9 @@ static uint64_t select_tubes(const Cutter *cutter, uint32_t light, uint32_t mate
     return count;
 }
 
-static TubeLight tube_light(const Cutter *cutter, uint32_t l, uint32_t m) {
-    const SceneLight *light = &cutter->scene->lights[l];
+static TubeLight tube_light(const Cutter *cutter, uint32_t s, uint32_t m) {
+    const TubeSource *source = &cutter->sources[s];
+    const SceneLight *light = &source->light;
     const SceneMaterial *material = &cutter->scene->materials[m];
     const Vec3 center = cutter->scene->objects[cutter->object].center;
     const bool is_sun = light->kind == AMB_LIGHT_SUN;
@@ -400,21 +431,22 @@ static TubeLight tube_light(const Cutter *cutter, uint32_t l, uint32_t m) {
                            cutter->params->adjoint_normals ? TUBE_VALUE_LEAVES : TUBE_VALUE_ARRIVES,
                        .is_directional = is_sun,
                        .origin = is_sun ? light->direction : vec3_sub(light->position, center),
+                       .extent = {source->extent[0], source->extent[1]},
                        .eta = 1.0f / material->ior};
 }
 
-static AmbStatus build_tree(const Cutter *cutter, uint32_t light, uint32_t material,
+static AmbStatus build_tree(const Cutter *cutter, uint32_t source, uint32_t material,
                             TubeField *out_tubes) {
-    const uint64_t count = select_tubes(cutter, light, material, NULL);
+    const uint64_t count = select_tubes(cutter, source, material, NULL);
     if (count == 0)
         return AMB_OK;
     Tube *tubes = memory_alloc_array(count, sizeof *tubes);
     if (tubes == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for %llu light tubes",
                            (unsigned long long)count);
-    select_tubes(cutter, light, material, tubes);
+    select_tubes(cutter, source, material, tubes);
     const SceneObject *body = &cutter->scene->objects[cutter->object];
-    const TubeLight properties = tube_light(cutter, light, material);
+    const TubeLight properties = tube_light(cutter, source, material);
     TubeTree *tree = &out_tubes->trees[out_tubes->tree_count];
     const AmbStatus status =
         tube_tree_build(tubes, count, &properties, body->center, body->radius, cutter->job, tree);
@@ -430,44 +462,53 @@ static AmbStatus build_trees(const Cutter *cutter, TubeField *out_tubes) {
     const AmbScene *scene = cutter->scene;
     const SceneObject *body = &scene->objects[cutter->object];
     out_tubes->trees =
-        memory_zero_array((uint64_t)scene->light_count * body->material_count, sizeof(TubeTree));
+        memory_zero_array((uint64_t)cutter->source_count * body->material_count, sizeof(TubeTree));
     if (out_tubes->trees == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for light tubes");
-    for (uint32_t light = 0; light < scene->light_count; ++light)
+    for (uint32_t source = 0; source < cutter->source_count; ++source)
         for (uint32_t slot = 0; slot < body->material_count; ++slot) {
             bool is_first = true; /* slots may share a material */
             for (uint32_t other = 0; other < slot; ++other)
                 is_first = is_first && body->materials[other] != body->materials[slot];
             if (is_first)
-                AMB_TRY(build_tree(cutter, light, body->materials[slot], out_tubes));
+                AMB_TRY(build_tree(cutter, source, body->materials[slot], out_tubes));
         }
     return AMB_OK;
+}
+
+static AmbStatus cut_and_build(Cutter *cutter, TubeCount *count, TubeField *out_tubes) {
+    const uint64_t chunk_count = cutter->triangle_chunks * cutter->source_count;
+    cutter->chunks = memory_zero_array(chunk_count, sizeof(Chunk));
+    if (cutter->chunks == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for light tubes");
+    AmbStatus status = parallel_for(cutter->job, chunk_count, 1, cut_chunk, cutter);
+    if (status == AMB_OK) {
+        add_tallies(cutter, chunk_count, count);
+        status = build_trees(cutter, out_tubes);
+    }
+    for (uint64_t c = 0; c < chunk_count; ++c) {
+        memory_free(cutter->chunks[c].tubes);
+        memory_free(cutter->chunks[c].materials);
+    }
+    memory_free(cutter->chunks);
+    return status;
 }
 
 AmbStatus tubes_build(const AmbScene *scene, uint32_t object, const TubeParams *params, Job *job,
                       TubeCount *count, TubeField *out_tubes) {
     memset(out_tubes, 0, sizeof *out_tubes);
     const SceneObject *body = &scene->objects[object];
-    const uint64_t triangles = scene->meshes[body->mesh].triangle_count;
+    TubeSource *sources = NULL;
     Cutter cutter = {.scene = scene,
                      .params = params,
                      .job = job,
-                     .triangle_chunks = triangles / GRAIN + 1,
+                     .triangle_chunks = scene->meshes[body->mesh].triangle_count / GRAIN + 1,
                      .object = object};
-    const uint64_t chunk_count = cutter.triangle_chunks * scene->light_count;
-    cutter.chunks = memory_zero_array(chunk_count, sizeof(Chunk));
-    if (cutter.chunks == NULL)
-        return status_fail(AMB_OUT_OF_MEMORY, "no memory for light tubes");
-    AmbStatus status = parallel_for(job, chunk_count, 1, cut_chunk, &cutter);
-    if (status == AMB_OK) {
-        add_tallies(&cutter, chunk_count, count);
-        status = build_trees(&cutter, out_tubes);
-    }
-    for (uint64_t c = 0; c < chunk_count; ++c) {
-        memory_free(cutter.chunks[c].tubes);
-        memory_free(cutter.chunks[c].materials);
-    }
-    memory_free(cutter.chunks);
+    AMB_TRY(tube_sources_create(scene, object, &sources, &cutter.source_count));
+    cutter.sources = sources;
+    const AmbStatus status =
+        cutter.source_count > 0 ? cut_and_build(&cutter, count, out_tubes) : AMB_OK;
+    memory_free(sources);
     if (status != AMB_OK)
         tubes_clear(out_tubes);
     else
