@@ -28,14 +28,14 @@ enum_estimators = (
     (
         "TUBES",
         "Tubes",
-        "Light tubes behind each triangle: no kernel, no noise; for lamps without extent outside "
-        "of all translucent objects, without light bounces",
+        "Light tubes behind each triangle: no kernel, no noise; for lamps outside of all "
+        "translucent objects, without light bounces; best for small ones",
     ),
     (
         "SPECULAR",
         "Exact connections",
         "Light paths solved for each camera ray: the reference of the others, exact and slow; for "
-        "the same lamps as tubes",
+        "lamps without extent outside of all translucent objects",
     ),
 )
 enum_effects = (

@@ -471,14 +471,13 @@ def test_triangles_refuse_what_they_cannot_render(estimator: int) -> None:
                     "sun",
                     color=[1.0] * 3,
                     direction=[0.0, 0.0, 1.0],
-                    angle=0.1 if lamp == "wide" else 0.0,
+                    angle={"wide": 0.1, "huge": 1.0}.get(lamp, 0.0),
                 )
             set_orthographic(scene, (5, 0, 0), (-1, 0, 0), (0, 0, 1), 1.0)
 
         return build
 
     cases = {
-        "has an extent": build("wide"),
         "is inside a translucent": build("inside"),
         "inside one another": build("outside", inner=True),
     }
@@ -491,6 +490,13 @@ def test_triangles_refuse_what_they_cannot_render(estimator: int) -> None:
     with pytest.raises(errors.AmbUnsupported, match="light_bounces"):
         render(build("outside"), 2, estimator=estimator, light_bounces=1)
     assert render(build("outside"), 2).report["estimator"] == "TUBES"
+    assert render(build("wide"), 2).report["estimator"] == "TUBES"
+    if estimator == ESTIMATORS["SPECULAR"]:
+        with pytest.raises(errors.AmbUnsupported, match="has an extent"):
+            render(build("wide"), 2, estimator=estimator)
+    report = render(build("huge"), 2, light_samples=2**10).report
+    assert report["estimator"] == "POINTS_COVARIANCE"
+    assert "is large" in report["estimator_reason"]
 
 
 def test_triangles_see_the_shadow_of_another_object() -> None:

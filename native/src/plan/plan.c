@@ -2,6 +2,8 @@
  * What is worth simulating. */
 #include "plan/plan.h"
 
+#include "field/tubes/tube_source.h"
+
 /* Volume samples along one light ray, on average. More of them follow a caustic more closely and
  * make tighter boxes, fewer leave more rays for the same memory. */
 static const uint64_t SAMPLES_PER_RAY = 8;
@@ -175,11 +177,31 @@ typedef struct Obstacle {
 
 enum { NESTING_PROBES = 64 };
 
-static Obstacle light_obstacle(const AmbScene *scene) {
+/* AUTO leaves lamps to points that tubes would cut into more cells than this along each axis: every
+ * cell is gathered by itself. */
+enum { AUTO_CELLS_MAX = 4 };
+
+static uint32_t most_cells(const AmbScene *scene, const SceneLight *light) {
+    uint32_t most = 0;
+    for (uint32_t o = 0; o < scene->object_count; ++o)
+        if (scene->objects[o].is_boundary) {
+            const uint32_t cells = tube_source_cells(light, &scene->objects[o]);
+            most = cells > most ? cells : most;
+        }
+    return most;
+}
+
+static Obstacle light_obstacle(const AmbScene *scene, uint32_t estimator) {
     for (uint32_t l = 0; l < scene->light_count; ++l) {
         const SceneLight *light = &scene->lights[l];
         if (!(rgb_max(light->color) > 0.0f))
             continue;
+        const bool has_extent =
+            light->kind == AMB_LIGHT_AREA || light->radius > 0.0f || light->angle > 0.0f;
+        if (estimator == AMB_ESTIMATOR_SPECULAR && has_extent)
+            return (Obstacle){"a lamp has an extent", light->name};
+        if (estimator == AMB_ESTIMATOR_AUTO && most_cells(scene, light) > AUTO_CELLS_MAX)
+            return (Obstacle){"a lamp is large, seen from an object", light->name};
         if (light->kind != AMB_LIGHT_SUN && scene_media_at(scene, light->position).count > 0)
             return (Obstacle){"a lamp is inside a translucent object", light->name};
     }
@@ -211,10 +233,11 @@ static bool is_nested(const AmbScene *scene, uint32_t o) {
     return false;
 }
 
-static Obstacle triangles_obstacle(const AmbScene *scene, const PlanEffect *light_bounces) {
+static Obstacle triangles_obstacle(const AmbScene *scene, uint32_t estimator,
+                                   const PlanEffect *light_bounces) {
     if (light_bounces->is_simulated)
         return (Obstacle){"light_bounces is not 0", ""};
-    const Obstacle obstacle = light_obstacle(scene);
+    const Obstacle obstacle = light_obstacle(scene, estimator);
     if (obstacle.reason != NULL)
         return obstacle;
     for (uint32_t o = 0; o < scene->object_count; ++o)
@@ -237,7 +260,8 @@ static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *pa
     if (plan->estimator == AMB_ESTIMATOR_POINTS_FIXED ||
         plan->estimator == AMB_ESTIMATOR_POINTS_COVARIANCE)
         return AMB_OK;
-    const Obstacle obstacle = triangles_obstacle(scene, &plan->effects[PLAN_LIGHT_BOUNCES]);
+    const Obstacle obstacle =
+        triangles_obstacle(scene, plan->estimator, &plan->effects[PLAN_LIGHT_BOUNCES]);
     if (plan->estimator != AMB_ESTIMATOR_AUTO) {
         PlanEffect *transmitted = &plan->effects[PLAN_TRANSMITTED_LIGHT];
         if (transmitted->is_simulated)
@@ -250,7 +274,7 @@ static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *pa
                            is_named ? " (\"" : "", obstacle.name, is_named ? "\")" : "");
     }
     plan->estimator = AMB_ESTIMATOR_TUBES;
-    plan->estimator_reason = "lamps without extent outside of all objects";
+    plan->estimator_reason = "lamps that are not large, outside of all objects";
     if (obstacle.reason != NULL) {
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = obstacle.reason;

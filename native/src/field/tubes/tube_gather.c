@@ -360,9 +360,9 @@ static inline void touch_patches(const TubeTree *tree, const Query *q, Patches *
             vec3_length(vec3_cross(vec3_sub(patch->center, q->o), q->d)) + patch->radius;
         const float margin = (patch->bulge + patch->blur) * reach;
         const uint32_t above = lanes_bits(values[0] > -margin) | lanes_bits(values[1] > -margin)
-                                                                    << LANE_COUNT;
+                                                                     << LANE_COUNT;
         const uint32_t below = lanes_bits(values[0] < margin) | lanes_bits(values[1] < margin)
-                                                                   << LANE_COUNT;
+                                                                    << LANE_COUNT;
         const uint32_t tubes = words_meeting(patch->masks, above, below);
         patches->touched[touched] = patches->found[i];
         patches->tubes[touched] = tubes;
@@ -585,16 +585,16 @@ static const float SOFT_MIN = 1e-3f;
 
 /* Averages delta(f) over a source with an extent. Where the source moves, f moves along by as much
  * as w does, so delta becomes a box of the half width that gives the same variance, and its mean
- * over a triangle a difference of areas. Everything else is taken on the chord in the middle of what
- * is covered, on which f becomes zero; turns the tubes for it. */
+ * over a triangle a difference of areas. Everything else is taken on the chord in the middle of
+ * what is covered, on which f becomes zero; turns the tubes for it. */
 static inline Lanes soften_tubes(Tubes *tubes, const TubeLight *light, const Query *q) {
     const Lanes3 direction = set3(q->d);
     const Lanes third = lanes_set(1.0f / 3.0f), zero = lanes_set(0.0f);
-    const Lanes3 x = scale3(add3(add3(row3(tubes, 0, CORNER_X), row3(tubes, 1, CORNER_X)),
-                                 row3(tubes, 2, CORNER_X)),
-                            third);
-    const Lanes3 w = normalize3(add3(
-        add3(row3(tubes, 0, CORNER_W), row3(tubes, 1, CORNER_W)), row3(tubes, 2, CORNER_W)));
+    const Lanes3 x = scale3(
+        add3(add3(row3(tubes, 0, CORNER_X), row3(tubes, 1, CORNER_X)), row3(tubes, 2, CORNER_X)),
+        third);
+    const Lanes3 w = normalize3(
+        add3(add3(row3(tubes, 0, CORNER_W), row3(tubes, 1, CORNER_W)), row3(tubes, 2, CORNER_W)));
     const Lanes3 d = light_direction(light, x), across = cross3(direction, sub3(x, set3(q->o)));
     const Lanes3 from = sub3(x, set3(light->origin));
     const Lanes eta = lanes_set(light->eta);
@@ -609,7 +609,8 @@ static inline Lanes soften_tubes(Tubes *tubes, const TubeLight *light, const Que
     for (int k = 0; k < 2; ++k) {
         Lanes3 moved = set3(light->extent[k]);
         if (!light->is_directional)
-            moved = scale3(sub3(scale3(d, dot3(moved, d)), moved), 1.0f / lanes_sqrt(dot3(from, from)));
+            moved =
+                scale3(sub3(scale3(d, dot3(moved, d)), moved), 1.0f / lanes_sqrt(dot3(from, from)));
         const Lanes3 dw = sub3(scale3(moved, eta), scale3(n, bend * dot3(moved, n)));
         const Lanes by = dot3(across, dw);
         half2 += by * by;
@@ -618,7 +619,8 @@ static inline Lanes soften_tubes(Tubes *tubes, const TubeLight *light, const Que
     const Lanes middle = tubes->f[0] + tubes->f[1] + tubes->f[2] - low - high;
     const LaneMask is_sharp = lanes_sqrt(half2) <= SOFT_MIN * range;
     const Lanes half = lanes_max(lanes_sqrt(half2), SOFT_MIN * range);
-    const Lanes covered = area_below(half, low, middle, high) - area_below(-half, low, middle, high);
+    const Lanes covered =
+        area_below(half, low, middle, high) - area_below(-half, low, middle, high);
     const Lanes bottom = lanes_max(low, -half), top = lanes_min(high, half);
     const Lanes level = lanes_select(is_sharp, zero, 0.5f * (bottom + top));
     for (int k = 0; k < 3; ++k)

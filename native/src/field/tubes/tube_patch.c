@@ -293,8 +293,7 @@ static void write_patch(const Grower *grower, const Growth *growth, TubePatch *p
         patch->bulge = fmaxf(patch->bulge, grower->tubes[grower->items[item].index].bulge);
     }
     for (uint32_t i = 0; i < growth->item_count; ++i)
-        patch->blur =
-            fmaxf(patch->blur, grower->tubes[grower->items[growth->items[i]].index].blur);
+        patch->blur = fmaxf(patch->blur, grower->tubes[grower->items[growth->items[i]].index].blur);
     for (uint32_t i = 0; i < growth->item_count && patch->bulge > 0.0f; ++i) {
         const Tube *tube = &grower->tubes[grower->items[growth->items[i]].index];
         patch->bulges[i] = (uint8_t)fminf(ceilf(255.0f * (tube->bulge / patch->bulge)), 255.0f);

@@ -24,7 +24,7 @@ typedef struct TubeLight {
     Rgb color;
     uint32_t value; /* TUBE_VALUE_* */
     bool is_directional;
-    Vec3 origin; /* position, m, from the centre of the tree; of a sun the direction of travel */
+    Vec3 origin;    /* position, m, from the centre of the tree; of a sun the direction of travel */
     Vec3 extent[2]; /* half of the source along two axes, m, of a sun rad; 0: a point */
     float eta;      /* n before / n after the refraction at the corners */
 } TubeLight;

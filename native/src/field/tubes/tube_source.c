@@ -70,9 +70,8 @@ static void make_sun_cell(SceneLight *cell, Sample2 s, float share) {
     const float r2 = s.u * s.u + s.v * s.v, sine = sinf(0.5f * cell->angle);
     const float versine = 2.0f * sine * sine * r2;
     const float scale = r2 > 0.0f ? sqrtf(versine * (2.0f - versine) / r2) : 0.0f;
-    cell->direction = vec3_normalize(
-        frame_to_world(cell->x, cell->y, cell->direction,
-                       vec3(scale * s.u, scale * s.v, 1.0f - versine)));
+    cell->direction = vec3_normalize(frame_to_world(
+        cell->x, cell->y, cell->direction, vec3(scale * s.u, scale * s.v, 1.0f - versine)));
     cell->angle = 0.0f;
 }
 

@@ -174,7 +174,8 @@ typedef struct Entry {
     float blur; /* how far w moves over half of the source, both axes together */
 } Entry;
 
-/* Derivative of w by where the source is: of refraction, as in optics/tangent.h at a fixed point. */
+/* Derivative of w by where the source is: of refraction, as in optics/tangent.h at a fixed point.
+ */
 static float blur_at(const Face *face, const Entry *entry, Vec3 n, float eta) {
     float sum = 0.0f;
     for (int k = 0; k < 2; ++k) {

@@ -35,8 +35,8 @@ typedef struct TubeCount {
     uint64_t leak_count; /* light lines that leave an object through a hole of its mesh */
 } TubeCount;
 
-/* Tubes of all lights that enter one object, which must be points, spots and suns of no extent,
- * outside of every object. Adds to *count. */
+/* Tubes of all lights that enter one object, which must be outside of every object. Adds to *count.
+ */
 AmbStatus tubes_build(const AmbScene *scene, uint32_t object, const TubeParams *params, Job *job,
                       TubeCount *count, TubeField *out_tubes);
 void tubes_clear(TubeField *tubes);
