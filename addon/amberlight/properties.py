@@ -29,13 +29,13 @@ enum_estimators = (
         "TUBES",
         "Tubes",
         "Light tubes behind each triangle: no kernel, no noise; for lamps outside of all "
-        "translucent objects, without light bounces; best for small ones",
+        "translucent objects; best for small ones and up to two light bounces",
     ),
     (
         "SPECULAR",
         "Exact connections",
         "Light paths solved for each camera ray: the reference of the others, exact and slow; for "
-        "lamps without extent outside of all translucent objects",
+        "lamps without extent outside of all translucent objects, without light bounces",
     ),
 )
 enum_effects = (

@@ -90,7 +90,7 @@ def test_slab(g: float, estimator: int) -> None:
 @each
 @pytest.mark.parametrize(("light", "camera"), [(0, 0), (6, 0), (0, 6), (6, 6)])
 def test_slab_with_internal_reflections(light: int, camera: int, estimator: int) -> None:
-    if estimator in TRIANGLES.values() and light > 0:
+    if estimator == SPECULAR and light > 0:
         pytest.skip("follows no internal reflections of the light")
     slab = Slab(g=0.5)
     expected = slab.radiance_all_reflections(light > 0, camera > 0)
@@ -310,7 +310,7 @@ def test_flux_of_a_matched_sphere(sigma_t: float, estimator: int) -> None:
 
 @pytest.mark.parametrize(
     ("estimator", "bounces"),
-    [(TUBES, 0), (SPECULAR, 0), (POINTS_COVARIANCE, 0), (POINTS_COVARIANCE, 40)],
+    [(TUBES, 0), (TUBES, 40), (SPECULAR, 0), (POINTS_COVARIANCE, 0), (POINTS_COVARIANCE, 40)],
 )
 def test_flux_of_a_refracting_sphere(bounces: int, estimator: int) -> None:
     flux = fluxes(1.5, 1.0, bounces, estimator)
@@ -453,6 +453,41 @@ def test_exact_connections_agree_with_fine_tubes_in_each_pixel(shape: str) -> No
     assert metrics.rel_rmse(tubes.pixels, exact.pixels, mask) < (1e-3 if shape == "box" else 1e-2)
 
 
+@pytest.mark.parametrize("bounces", [1, 2])
+@pytest.mark.parametrize(
+    ("mesh", "refinement"),
+    # The last has more reflected tubes than are kept, and is cut more coarsely.
+    [(box((-1, -0.8, -0.9), (1, 1.1, 1)), 2), (bumpy_sphere(5), 0), (bumpy_sphere(5), 2)],
+    ids=["box", "bumpy", "many"],
+)
+def test_tubes_reflect_the_light_as_points_do(mesh: Mesh, refinement: int, bounces: int) -> None:
+    """Edges, steps and caustics on the walls, with and without total reflection."""
+
+    def build(scene: handles.Scene) -> None:
+        add_body(scene, mesh, Medium(1.5, 0.21, (0.01, 0.1, 0.25), 0.5))
+        add_point(scene, (-4.5, 1.5, -1.6), 100.0)
+        set_perspective(scene, (1, 2, 5), (-0.2, -0.4, -1), (0, 1, 0), np.radians(40))
+
+    tubes, dots, direct = (
+        render(
+            build,
+            16,
+            estimator=estimator,
+            light_samples=2**20,
+            kernel_size=6,
+            tube_refinement=refinement,
+            samples=4,
+            light_bounces=followed,
+        )
+        for estimator, followed in ((TUBES, bounces), (POINTS_COVARIANCE, bounces), (TUBES, 0))
+    )
+    assert metrics.mean_ratio(tubes.pixels, dots.pixels) == pytest.approx(np.ones(3), abs=3e-3)
+    flux, expected = (np.array(shot.report["light"]["flux_interacting"]) for shot in (tubes, dots))
+    assert flux == pytest.approx(expected, rel=1e-3)
+    # What is reflected must be told apart by the tolerance.
+    assert tubes.pixels.mean() > 1.03 * direct.pixels.mean()
+
+
 @pytest.mark.parametrize("estimator", TRIANGLES.values(), ids=TRIANGLES.keys())
 def test_triangles_refuse_what_they_cannot_render(estimator: int) -> None:
     medium = Medium(1.5, 0.5, 0.5)
@@ -487,8 +522,13 @@ def test_triangles_refuse_what_they_cannot_render(estimator: int) -> None:
         report = render(scene, 2, light_samples=2**10).report
         assert report["estimator"] == "POINTS_COVARIANCE"
         assert reason in report["estimator_reason"]
-    with pytest.raises(errors.AmbUnsupported, match="light_bounces"):
-        render(build("outside"), 2, estimator=estimator, light_bounces=1)
+    if estimator == SPECULAR:
+        with pytest.raises(errors.AmbUnsupported, match="light_bounces"):
+            render(build("outside"), 2, estimator=estimator, light_bounces=1)
+    for bounces, chosen in ((2, "TUBES"), (3, "POINTS_COVARIANCE")):
+        scene = build("outside")
+        report = render(scene, 2, light_samples=2**10, light_bounces=bounces).report
+        assert report["estimator"] == chosen
     assert render(build("outside"), 2).report["estimator"] == "TUBES"
     assert render(build("wide"), 2).report["estimator"] == "TUBES"
     if estimator == ESTIMATORS["SPECULAR"]:

@@ -522,7 +522,12 @@ static void picture_is_the_same_on_any_number_of_threads(void) {
     demo.params.effects &= ~(uint32_t)AMB_EFFECT_TRANSMITTED_LIGHT;
     for (uint32_t estimator = AMB_ESTIMATOR_POINTS_FIXED; estimator <= AMB_ESTIMATOR_SPECULAR;
          ++estimator) {
-        demo.params.light_bounces = estimator >= AMB_ESTIMATOR_TUBES ? 0 : 1;
+        /* As many as AUTO needs to choose points, tubes, and as many as there can be. */
+        static const uint32_t bounces[] = {[AMB_ESTIMATOR_POINTS_FIXED] = 3,
+                                           [AMB_ESTIMATOR_POINTS_COVARIANCE] = 3,
+                                           [AMB_ESTIMATOR_TUBES] = 1,
+                                           [AMB_ESTIMATOR_SPECULAR] = 0};
+        demo.params.light_bounces = bounces[estimator];
         demo.params.estimator = estimator;
         demo.params.threads = 1;
         Picture one = demo_render(&demo);

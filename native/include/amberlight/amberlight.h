@@ -252,11 +252,13 @@ enum {
     AMB_ESTIMATOR_AUTO = 0,
     AMB_ESTIMATOR_POINTS_FIXED = 1,
     AMB_ESTIMATOR_POINTS_COVARIANCE = 2,
-    AMB_ESTIMATOR_TUBES = 3,    /* lamps outside of every object, no light_bounces, no object inside
-                                 * another; else AMB_UNSUPPORTED. A lamp with an extent costs as
-                                 * much as 1 to 36 without, the larger it is seen */
+    AMB_ESTIMATOR_TUBES = 3,    /* lamps outside of every object, no object inside another; else
+                                 * AMB_UNSUPPORTED. A lamp with an extent costs as much as 1 to 36
+                                 * without, the larger it is seen. AUTO takes it for 2 light_bounces
+                                 * at most */
     AMB_ESTIMATOR_SPECULAR = 4, /* exact and slow, the reference of the others; for the same scenes
-                                 * as TUBES but lamps of no extent, never chosen by AUTO */
+                                 * as TUBES but lamps of no extent and no light_bounces, never
+                                 * chosen by AUTO */
 };
 
 enum {

@@ -44,6 +44,7 @@ static AmbStatus create_tubes(const AmbScene *scene, const FieldParams *params, 
     if (field->tubes == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light field");
     const TubeParams tube_params = {.refinement = params->tube_refinement,
+                                    .bounces = params->light_bounces,
                                     .adjoint_normals = params->adjoint_normals};
     for (uint32_t o = 0; o < scene->object_count; ++o)
         if (scene->objects[o].is_boundary &&

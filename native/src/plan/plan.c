@@ -169,13 +169,16 @@ static PlanEffect plan_world(const AmbScene *scene) {
     return skipped(name, "not available in this version: it is seen, but does not scatter");
 }
 
-/* What TUBES and SPECULAR cannot do: both refract each light at the mesh's own triangles, once. */
+/* What TUBES and SPECULAR cannot do: both refract each light at the mesh's own triangles. */
 typedef struct Obstacle {
     const char *reason; /* one phrase, static storage; NULL: there is none */
     const char *name;   /* of what stands in the way, "" for nothing in particular */
 } Obstacle;
 
-enum { NESTING_PROBES = 64 };
+enum {
+    NESTING_PROBES = 64,
+    TUBE_BOUNCES_AUTO = 2 /* most internal reflections of the light for which AUTO takes tubes */
+};
 
 /* AUTO leaves lamps to points that tubes would cut into more cells than this along each axis: every
  * cell is gathered by itself. */
@@ -235,7 +238,7 @@ static bool is_nested(const AmbScene *scene, uint32_t o) {
 
 static Obstacle triangles_obstacle(const AmbScene *scene, uint32_t estimator,
                                    const PlanEffect *light_bounces) {
-    if (light_bounces->is_simulated)
+    if (estimator == AMB_ESTIMATOR_SPECULAR && light_bounces->is_simulated)
         return (Obstacle){"light_bounces is not 0", ""};
     const Obstacle obstacle = light_obstacle(scene, estimator);
     if (obstacle.reason != NULL)
@@ -282,6 +285,10 @@ static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *pa
         /* Tubes end at the first face that they meet; points know what they are inside of. */
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = "a mesh is open or crosses itself";
+    } else if (plan->effects[PLAN_LIGHT_BOUNCES].is_simulated &&
+               params->light_bounces > TUBE_BOUNCES_AUTO) {
+        plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
+        plan->estimator_reason = "light_bounces is more than 2: tubes would spread over everything";
     } else if (plan->effects[PLAN_TRANSMITTED_LIGHT].is_simulated) {
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = "light through other objects is simulated";
@@ -327,6 +334,7 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job 
     plan.field = (FieldParams){.estimator = plan.estimator,
                                .kernel_size = params->kernel_size,
                                .tube_refinement = params->tube_refinement,
+                               .light_bounces = plan.light.bounces,
                                .adjoint_normals = params->adjoint_normals != 0};
 
     plan_set_light_samples(&plan, params->light_samples);

@@ -5,22 +5,19 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "field/tubes/tube_cut.h"
 #include "field/tubes/tube_gather.h"
 #include "field/tubes/tube_source.h"
 #include "scene/boundary.h"
 
 enum {
-    GRAIN = 256,       /* triangles of one unit of work */
+    GRAIN = 256,             /* triangles of one unit of work */
+    REFLECTED_MAX = 1 << 17, /* reflected tubes of an object, apart from four for each triangle */
     COARSE_LEVELS = 8, /* halvings at most of a triangle that is too large for what happens in it */
     GAP_SURFACE_MAX = 8, /* other things between leaving an object and coming back */
     EDGE_LEVELS = 3      /* further halvings where a shadow or a jump of the exit cuts a tube */
 };
 
-/* A tube's corners lie apart by at most this part of its object's radius, and its directions
- * within this angle (rad), each halved by every refinement: inside, the refracted map is taken to
- * be linear. Meshes with rounded shapes are finer anyway; this is for cubes and slabs. */
-static const float SIZE_SHARE_MAX = 0.25f;
-static const float ANGLE_MAX = 0.1f;
 /* A spot's cone is covered by at least some tubes across, however large the triangle. */
 static const float SPOT_SHARE_MAX = 0.25f;
 /* Next to where the zero curve is tangent to a caustic's, f is small and flat: the chord of a
@@ -38,74 +35,23 @@ static const float LIMIT_MAX = 4.0f;
  * exactly at a corner of the mesh, rays from a triangle graze its neighbours. */
 static const float CORNER_SHRINK = 1e-3f;
 
-/* A point of a triangle and the light there. */
-typedef struct Corner {
-    float u, v;           /* barycentric weights of the triangle's second and third vertex */
-    Vec3 x, w;            /* world; w unit */
-    float arriving, flux; /* per area of the flat triangle and unit colour, before and after
-                           * refraction, 1/m^2 */
-    float value;          /* see TUBE_VALUE_* */
-    float blur;           /* see Entry */
-    float reach;          /* m, to the next surface */
-    float limit;          /* m, to where the light ends for the gather; see light_limit */
-    bool is_lit;
-} Corner;
-
-typedef struct Chunk {
-    Tube *tubes;
-    uint32_t *materials; /* of the tubes */
-    uint64_t count, room;
-    TubeCount tally;
-} Chunk;
-
-typedef struct Cutter {
-    const AmbScene *scene;
-    const TubeParams *params;
-    Job *job;
-    const TubeSource *sources;
-    uint32_t source_count;
-    Chunk *chunks;
-    uint64_t triangle_chunks; /* chunks of one source */
-    uint32_t object;
-} Cutter;
-
-/* One triangle under one light. */
-typedef struct Face {
-    const Cutter *cutter;
-    const TubeSource *source;
-    const SceneLight *light; /* the source's */
-    Chunk *chunk;
-    uint32_t triangle, material;
-    Rgb color;
-    float area; /* of the whole triangle, m^2 */
-} Face;
-
-static AmbStatus chunk_grow(Chunk *chunk) {
+static AmbStatus chunk_grow(TubeChunk *chunk) {
     const uint64_t room = chunk->room > 0 ? 2 * chunk->room : GRAIN;
-    Tube *tubes = memory_alloc_array(room, sizeof *tubes);
-    uint32_t *materials = memory_alloc_array(room, sizeof *materials);
-    if (tubes == NULL || materials == NULL) {
-        memory_free(tubes);
-        memory_free(materials);
+    CutTube *tubes = memory_alloc_array(room, sizeof *tubes);
+    if (tubes == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for light tubes");
-    }
-    if (chunk->count > 0) {
+    if (chunk->count > 0)
         memcpy(tubes, chunk->tubes, chunk->count * sizeof *tubes);
-        memcpy(materials, chunk->materials, chunk->count * sizeof *materials);
-    }
     memory_free(chunk->tubes);
-    memory_free(chunk->materials);
     chunk->tubes = tubes;
-    chunk->materials = materials;
     chunk->room = room;
     return AMB_OK;
 }
 
-static AmbStatus chunk_append(Chunk *chunk, const Tube *tube, uint32_t material) {
+AmbStatus tube_chunk_append(TubeChunk *chunk, const CutTube *tube) {
     if (chunk->count == chunk->room)
         AMB_TRY(chunk_grow(chunk));
-    chunk->tubes[chunk->count] = *tube;
-    chunk->materials[chunk->count++] = material;
+    chunk->tubes[chunk->count++] = *tube;
     return AMB_OK;
 }
 
@@ -142,8 +88,17 @@ static float light_limit(const Face *face, Vec3 p, Vec3 w, const Hit *exit) {
     return LIMIT_MAX * scene->objects[object].radius;
 }
 
-/* Distance to the next surface from just inside, and whether the light is seen from just outside.
- */
+LineEnd tube_line_end(const Face *face, Vec3 from, Vec3 w) {
+    LineEnd end = {.is_there = false};
+    if (scene_intersect(face->cutter->scene, from, w, INFINITY, &end.exit)) {
+        end.is_there = true;
+        end.reach = end.exit.t;
+        end.limit = light_limit(face, from, w, &end.exit);
+    }
+    return end;
+}
+
+/* Where the light ends from just inside, and whether it is seen from just outside. */
 static void trace_corner(const Face *face, Corner *corner) {
     const AmbScene *scene = face->cutter->scene;
     const float u = corner->u + CORNER_SHRINK * (1.0f / 3.0f - corner->u);
@@ -154,14 +109,9 @@ static void trace_corner(const Face *face, Corner *corner) {
     corner->is_lit =
         rgb_max(light.irradiance) > 0.0f &&
         !scene_is_occluded(scene, scene_leave(&surface, light.wi), light.wi, light.distance);
-    Hit exit;
-    const Vec3 start = scene_leave(&surface, corner->w);
-    if (scene_intersect(scene, start, corner->w, INFINITY, &exit)) {
-        corner->reach = exit.t;
-        corner->limit = light_limit(face, start, corner->w, &exit);
-    } else if (corner->is_lit) {
+    corner->end = tube_line_end(face, scene_leave(&surface, corner->w), corner->w);
+    if (!corner->end.is_there && corner->is_lit)
         ++face->chunk->tally.leak_count;
-    }
 }
 
 /* Light and its refraction at a point of a triangle. */
@@ -210,7 +160,7 @@ static Entry enter_at(const Face *face, float u, float v) {
     return entry;
 }
 
-static Corner make_corner(const Face *face, float u, float v) {
+Corner tube_corner(const Face *face, float u, float v) {
     const Entry entry = enter_at(face, u, v);
     const Vec3 ng = entry.surface.ng;
     const DielectricSplit *split = &entry.split;
@@ -246,7 +196,7 @@ static float bulge_of(const Face *face, const Corner corners[3]) {
     return (4.0f / 3.0f) * largest;
 }
 
-static float largest_difference(const Vec3 v[3]) {
+float tube_largest_difference(const Vec3 v[3]) {
     float largest = 0.0f;
     for (int k = 0; k < 3; ++k)
         largest = fmaxf(largest, vec3_length(vec3_sub(v[k], v[(k + 1) % 3])));
@@ -273,55 +223,62 @@ static bool is_coarse(const Face *face, const Corner corners[3]) {
     const float radius = cutter->scene->objects[cutter->object].radius;
     const Vec3 x[3] = {corners[0].x, corners[1].x, corners[2].x};
     const Vec3 w[3] = {corners[0].w, corners[1].w, corners[2].w};
-    const float size = largest_difference(x);
-    return size > SIZE_SHARE_MAX * share * radius || largest_difference(w) > ANGLE_MAX * share ||
-           misses_spot(face, corners, size);
+    const float size = tube_largest_difference(x);
+    return size > TUBE_SIZE_SHARE_MAX * share * radius ||
+           tube_largest_difference(w) > TUBE_ANGLE_MAX * share || misses_spot(face, corners, size);
 }
 
 /* Whether the edge of a shadow or of a gap runs between the corners. */
 static bool is_cut(const Corner corners[3]) {
     if (corners[0].is_lit != corners[1].is_lit || corners[1].is_lit != corners[2].is_lit)
         return true;
-    const float low = fminf(fminf(corners[0].limit, corners[1].limit), corners[2].limit);
-    const float high = fmaxf(fmaxf(corners[0].limit, corners[1].limit), corners[2].limit);
+    const float low =
+        fminf(fminf(corners[0].end.limit, corners[1].end.limit), corners[2].end.limit);
+    const float high =
+        fmaxf(fmaxf(corners[0].end.limit, corners[1].end.limit), corners[2].end.limit);
     return corners[0].is_lit && high > LIMIT_RATIO_MAX * low;
 }
 
-static void tally_add(double sum[3], Rgb color, double flux) {
+void tube_tally_add(double sum[3], Rgb color, double flux) {
     sum[0] += flux * (double)color.r;
     sum[1] += flux * (double)color.g;
     sum[2] += flux * (double)color.b;
 }
 
-static AmbStatus emit_tube(const Face *face, const Corner corners[3], float area) {
+static AmbStatus emit_tube(const Face *face, const Corner corners[3], uint32_t level) {
     const Cutter *cutter = face->cutter;
+    const float area = face->area * ldexpf(1.0f, -2 * (int)level);
     const SceneObject *object = &cutter->scene->objects[cutter->object];
     const Medium *medium = &cutter->scene->materials[object->inside].medium;
-    Tube tube = {.bulge = bulge_of(face, corners)};
+    CutTube cut_tube = {.material = face->material};
+    Tube *tube = &cut_tube.tube;
     LightTally *tally = &face->chunk->tally.tally;
     bool is_bright = false;
     for (int k = 0; k < 3; ++k) {
         const Corner *corner = &corners[k];
         const float lit = corner->is_lit ? area : 0.0f, flux = lit * corner->flux;
-        tube.x[k] = vec3_sub(corner->x, object->center);
-        tube.w[k] = corner->w;
-        tube.limit[k] = corner->limit;
-        tube.far = fmaxf(tube.far, corner->reach);
-        tube.blur = fmaxf(tube.blur, BLUR_SLACK * corner->blur);
-        tube.value[k] = corner->is_lit ? corner->value : 0.0f;
+        tube->x[k] = vec3_sub(corner->x, object->center);
+        tube->w[k] = corner->w;
+        tube->limit[k] = corner->end.limit;
+        tube->far = fmaxf(tube->far, corner->end.reach);
+        tube->blur = fmaxf(tube->blur, BLUR_SLACK * corner->blur);
+        tube->value[k] = corner->is_lit ? corner->value : 0.0f;
         is_bright = is_bright || flux > 0.0f;
         const double third = (double)flux / 3.0;
-        const Rgb left = medium_transmittance(medium, corner->reach);
-        tally_add(tally->incident, face->light->color, (double)(lit * corner->arriving) / 3.0);
-        tally_add(tally->entered, face->color, third);
-        tally_add(tally->interacting,
-                  rgb_mul(face->color, rgb(1.0f - left.r, 1.0f - left.g, 1.0f - left.b)), third);
+        const Rgb left = medium_transmittance(medium, corner->end.reach);
+        tube_tally_add(tally->incident, face->light->color, (double)(lit * corner->arriving) / 3.0);
+        tube_tally_add(tally->entered, face->color, third);
+        tube_tally_add(tally->interacting,
+                       rgb_mul(face->color, rgb(1.0f - left.r, 1.0f - left.g, 1.0f - left.b)),
+                       third);
     }
     if (!is_bright)
         return AMB_OK;
     /* Between the corners the light may go farther before it leaves. */
-    tube.far = 1.1f * tube.far + largest_difference(tube.x);
-    return chunk_append(face->chunk, &tube, face->material);
+    tube->far = 1.1f * tube->far + tube_largest_difference(tube->x);
+    tube->bulge = bulge_of(face, corners);
+    AMB_TRY(tube_chunk_append(face->chunk, &cut_tube));
+    return cutter->params->bounces > 0 ? tubes_reflect(face, corners, level) : AMB_OK;
 }
 
 static AmbStatus cut(const Face *face, const Corner corners[3], uint32_t level, uint32_t edges) {
@@ -332,13 +289,13 @@ static AmbStatus cut(const Face *face, const Corner corners[3], uint32_t level, 
         ++edges;
     }
     if (!divides)
-        return emit_tube(face, corners, face->area * ldexpf(1.0f, -2 * (int)level));
+        return emit_tube(face, corners, level);
     if (job_is_cancelled(face->cutter->job))
         return AMB_CANCELLED;
     Corner middle[3]; /* of the edges 01, 12, 20 */
     for (int k = 0; k < 3; ++k) {
         const Corner *a = &corners[k], *b = &corners[(k + 1) % 3];
-        middle[k] = make_corner(face, 0.5f * (a->u + b->u), 0.5f * (a->v + b->v));
+        middle[k] = tube_corner(face, 0.5f * (a->u + b->u), 0.5f * (a->v + b->v));
     }
     for (int k = 0; k < 3; ++k) {
         const Corner part[3] = {corners[k], middle[k], middle[(k + 2) % 3]};
@@ -348,7 +305,7 @@ static AmbStatus cut(const Face *face, const Corner corners[3], uint32_t level, 
 }
 
 static AmbStatus cut_triangle(const Cutter *cutter, const TubeSource *source, uint64_t triangle,
-                              Chunk *chunk) {
+                              TubeChunk *chunk) {
     const AmbScene *scene = cutter->scene;
     const SceneObject *object = &scene->objects[cutter->object];
     const uint32_t *index = scene->meshes[object->mesh].triangles + 3 * triangle;
@@ -374,8 +331,8 @@ static AmbStatus cut_triangle(const Cutter *cutter, const TubeSource *source, ui
         return AMB_OK;
     face.material = (uint32_t)(middle.material - scene->materials);
     face.color = rgb_mul(light->color, middle.material->transmit_color);
-    const Corner corners[3] = {make_corner(&face, 0.0f, 0.0f), make_corner(&face, 1.0f, 0.0f),
-                               make_corner(&face, 0.0f, 1.0f)};
+    const Corner corners[3] = {tube_corner(&face, 0.0f, 0.0f), tube_corner(&face, 1.0f, 0.0f),
+                               tube_corner(&face, 0.0f, 1.0f)};
     return cut(&face, corners, 0, 0);
 }
 
@@ -405,26 +362,77 @@ static void add_tallies(const Cutter *cutter, uint64_t chunk_count, TubeCount *c
     }
 }
 
-/* Tubes of one source through one material, in the order of triangles. tubes NULL: counts them. */
-static uint64_t select_tubes(const Cutter *cutter, uint32_t source, uint32_t material,
-                             Tube *tubes) {
-    uint64_t count = 0;
-    for (uint64_t c = 0; c < cutter->triangle_chunks; ++c) {
-        const Chunk *chunk = &cutter->chunks[source * cutter->triangle_chunks + c];
-        for (uint64_t i = 0; i < chunk->count; ++i)
-            if (chunk->materials[i] == material) {
-                if (tubes != NULL)
-                    tubes[count] = chunk->tubes[i];
-                ++count;
-            }
-    }
-    return count;
+/* The tubes of one tree: of one source through one material, or reflected with one color. */
+typedef struct TreeGroup {
+    uint32_t source, material;
+    Rgb color;
+    uint64_t tube_count;
+} TreeGroup;
+
+static bool is_in_group(const TreeGroup *group, uint32_t source, const CutTube *tube) {
+    if (group->source != source || group->material != tube->material)
+        return false;
+    return tube->material != TUBE_REFLECTED ||
+           (group->color.r == tube->color.r && group->color.g == tube->color.g &&
+            group->color.b == tube->color.b);
 }
 
-static TubeLight tube_light(const Cutter *cutter, uint32_t s, uint32_t m) {
-    const TubeSource *source = &cutter->sources[s];
+typedef struct TreeGroups {
+    TreeGroup *groups;
+    uint32_t count, room;
+} TreeGroups;
+
+static AmbStatus add_group(TreeGroups *list, uint32_t source, const CutTube *tube) {
+    if (list->count == list->room) {
+        const uint32_t room = 2 * list->room + 8;
+        TreeGroup *groups = memory_alloc_array(room, sizeof *groups);
+        if (groups == NULL)
+            return status_fail(AMB_OUT_OF_MEMORY, "no memory for light tubes");
+        if (list->count > 0)
+            memcpy(groups, list->groups, list->count * sizeof *groups);
+        memory_free(list->groups);
+        list->groups = groups;
+        list->room = room;
+    }
+    list->groups[list->count++] = (TreeGroup){source, tube->material, tube->color, 0};
+    return AMB_OK;
+}
+
+/* In the order in which their first tubes come, which threads do not change. */
+static AmbStatus list_groups(const Cutter *cutter, uint64_t chunk_count, TreeGroups *out) {
+    for (uint64_t c = 0; c < chunk_count; ++c) {
+        const TubeChunk *chunk = &cutter->chunks[c];
+        const uint32_t source = (uint32_t)(c / cutter->triangle_chunks);
+        for (uint64_t i = 0; i < chunk->count; ++i) {
+            uint32_t g = out->count;
+            while (g > 0 && !is_in_group(&out->groups[g - 1], source, &chunk->tubes[i]))
+                --g;
+            if (g == 0) {
+                AMB_TRY(add_group(out, source, &chunk->tubes[i]));
+                g = out->count;
+            }
+            ++out->groups[g - 1].tube_count;
+        }
+    }
+    return AMB_OK;
+}
+
+static void select_tubes(const Cutter *cutter, const TreeGroup *group, Tube *tubes) {
+    uint64_t count = 0;
+    for (uint64_t c = 0; c < cutter->triangle_chunks; ++c) {
+        const TubeChunk *chunk = &cutter->chunks[group->source * cutter->triangle_chunks + c];
+        for (uint64_t i = 0; i < chunk->count; ++i)
+            if (is_in_group(group, group->source, &chunk->tubes[i]))
+                tubes[count++] = chunk->tubes[i].tube;
+    }
+}
+
+static TubeLight tube_light(const Cutter *cutter, const TreeGroup *group) {
+    if (group->material == TUBE_REFLECTED)
+        return (TubeLight){.color = group->color, .value = TUBE_VALUE_IS_FLUX, .eta = 1.0f};
+    const TubeSource *source = &cutter->sources[group->source];
     const SceneLight *light = &source->light;
-    const SceneMaterial *material = &cutter->scene->materials[m];
+    const SceneMaterial *material = &cutter->scene->materials[group->material];
     const Vec3 center = cutter->scene->objects[cutter->object].center;
     const bool is_sun = light->kind == AMB_LIGHT_SUN;
     return (TubeLight){.color = rgb_mul(light->color, material->transmit_color),
@@ -436,18 +444,15 @@ static TubeLight tube_light(const Cutter *cutter, uint32_t s, uint32_t m) {
                        .eta = 1.0f / material->ior};
 }
 
-static AmbStatus build_tree(const Cutter *cutter, uint32_t source, uint32_t material,
-                            TubeField *out_tubes) {
-    const uint64_t count = select_tubes(cutter, source, material, NULL);
-    if (count == 0)
-        return AMB_OK;
+static AmbStatus build_tree(const Cutter *cutter, const TreeGroup *group, TubeField *out_tubes) {
+    const uint64_t count = group->tube_count;
     Tube *tubes = memory_alloc_array(count, sizeof *tubes);
     if (tubes == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for %llu light tubes",
                            (unsigned long long)count);
-    select_tubes(cutter, source, material, tubes);
+    select_tubes(cutter, group, tubes);
     const SceneObject *body = &cutter->scene->objects[cutter->object];
-    const TubeLight properties = tube_light(cutter, source, material);
+    const TubeLight properties = tube_light(cutter, group);
     TubeTree *tree = &out_tubes->trees[out_tubes->tree_count];
     const AmbStatus status =
         tube_tree_build(tubes, count, &properties, body->center, body->radius, cutter->job, tree);
@@ -459,38 +464,49 @@ static AmbStatus build_tree(const Cutter *cutter, uint32_t source, uint32_t mate
     return AMB_OK;
 }
 
-static AmbStatus build_trees(const Cutter *cutter, TubeField *out_tubes) {
-    const AmbScene *scene = cutter->scene;
-    const SceneObject *body = &scene->objects[cutter->object];
-    out_tubes->trees =
-        memory_zero_array((uint64_t)cutter->source_count * body->material_count, sizeof(TubeTree));
-    if (out_tubes->trees == NULL)
-        return status_fail(AMB_OUT_OF_MEMORY, "no memory for light tubes");
-    for (uint32_t source = 0; source < cutter->source_count; ++source)
-        for (uint32_t slot = 0; slot < body->material_count; ++slot) {
-            bool is_first = true; /* slots may share a material */
-            for (uint32_t other = 0; other < slot; ++other)
-                is_first = is_first && body->materials[other] != body->materials[slot];
-            if (is_first)
-                AMB_TRY(build_tree(cutter, source, body->materials[slot], out_tubes));
-        }
-    return AMB_OK;
+static AmbStatus build_trees(const Cutter *cutter, uint64_t chunk_count, TubeField *out_tubes) {
+    TreeGroups list = {.groups = NULL};
+    AmbStatus status = list_groups(cutter, chunk_count, &list);
+    if (status == AMB_OK && list.count > 0) {
+        out_tubes->trees = memory_zero_array(list.count, sizeof(TubeTree));
+        if (out_tubes->trees == NULL)
+            status = status_fail(AMB_OUT_OF_MEMORY, "no memory for light tubes");
+    }
+    for (uint32_t g = 0; g < list.count && status == AMB_OK; ++g)
+        status = build_tree(cutter, &list.groups[g], out_tubes);
+    memory_free(list.groups);
+    return status;
+}
+
+static void clear_chunks(const Cutter *cutter, uint64_t chunk_count) {
+    for (uint64_t c = 0; c < chunk_count; ++c)
+        memory_free(cutter->chunks[c].tubes);
+    memset(cutter->chunks, 0, chunk_count * sizeof *cutter->chunks);
+}
+
+/* All tubes; again and coarser, as long as too many are reflected. */
+static AmbStatus cut_all(Cutter *cutter, uint64_t chunk_count) {
+    for (;; ++cutter->coarseness) {
+        atomic_store(cutter->reflected_count, 0);
+        const AmbStatus status = parallel_for(cutter->job, chunk_count, 1, cut_chunk, cutter);
+        if (atomic_load(cutter->reflected_count) <= cutter->reflected_max ||
+            cutter->coarseness == TUBE_COARSENESS_MAX || job_is_cancelled(cutter->job))
+            return status;
+        clear_chunks(cutter, chunk_count);
+    }
 }
 
 static AmbStatus cut_and_build(Cutter *cutter, TubeCount *count, TubeField *out_tubes) {
     const uint64_t chunk_count = cutter->triangle_chunks * cutter->source_count;
-    cutter->chunks = memory_zero_array(chunk_count, sizeof(Chunk));
+    cutter->chunks = memory_zero_array(chunk_count, sizeof(TubeChunk));
     if (cutter->chunks == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for light tubes");
-    AmbStatus status = parallel_for(cutter->job, chunk_count, 1, cut_chunk, cutter);
+    AmbStatus status = cut_all(cutter, chunk_count);
     if (status == AMB_OK) {
         add_tallies(cutter, chunk_count, count);
-        status = build_trees(cutter, out_tubes);
+        status = build_trees(cutter, chunk_count, out_tubes);
     }
-    for (uint64_t c = 0; c < chunk_count; ++c) {
-        memory_free(cutter->chunks[c].tubes);
-        memory_free(cutter->chunks[c].materials);
-    }
+    clear_chunks(cutter, chunk_count);
     memory_free(cutter->chunks);
     return status;
 }
@@ -499,14 +515,18 @@ AmbStatus tubes_build(const AmbScene *scene, uint32_t object, const TubeParams *
                       TubeCount *count, TubeField *out_tubes) {
     memset(out_tubes, 0, sizeof *out_tubes);
     const SceneObject *body = &scene->objects[object];
+    const uint64_t triangles = scene->meshes[body->mesh].triangle_count;
     TubeSource *sources = NULL;
+    atomic_uint_least64_t reflected_count = 0;
     Cutter cutter = {.scene = scene,
                      .params = params,
                      .job = job,
-                     .triangle_chunks = scene->meshes[body->mesh].triangle_count / GRAIN + 1,
-                     .object = object};
+                     .triangle_chunks = triangles / GRAIN + 1,
+                     .object = object,
+                     .reflected_count = &reflected_count};
     AMB_TRY(tube_sources_create(scene, object, &sources, &cutter.source_count));
     cutter.sources = sources;
+    cutter.reflected_max = REFLECTED_MAX + 4 * triangles * cutter.source_count;
     const AmbStatus status =
         cutter.source_count > 0 ? cut_and_build(&cutter, count, out_tubes) : AMB_OK;
     memory_free(sources);

@@ -18,10 +18,12 @@
 
 typedef struct TubeParams {
     uint32_t refinement;  /* each triangle is halved that many times along its edges */
+    uint32_t bounces;     /* internal reflections to follow */
     bool adjoint_normals; /* see BoundaryCrossing */
 } TubeParams;
 
-/* One tree for each light and material of the boundary that it enters through. */
+/* One tree for each light and material of the boundary that it enters through, and one for each
+ * light and tint of what the walls reflect of it. */
 typedef struct TubeField {
     uint64_t tube_count;
     Medium medium;
