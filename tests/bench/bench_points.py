@@ -30,7 +30,6 @@ from bumpy import (  # noqa: E402
     rays_alone,
     reference,
     stage_cpu,
-    warn_if_stale,
 )
 
 TARGET = 0.04  # rel_rmse
@@ -77,8 +76,6 @@ def print_row(row: Row, rays: float) -> None:
 def sweep(build: BuildScene, quick: bool, threads: int) -> None:
     truth, cover = reference(SIDE_LIT, threads)
     mask = cover > 0
-    traced = rays_alone(build, threads)
-    warn_if_stale(traced, cover)
     budgets = [2**k for k in ((14, 16, 18) if quick else (13, 15, 17, 19, 20, 21))]
     kernels = [4.0] if quick else [1.0, 2.0, 4.0, 8.0]
     rows: list[Row] = []

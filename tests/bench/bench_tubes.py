@@ -62,7 +62,6 @@ class View:
         self.truth, cover = bumpy.reference(view, threads)
         self.mask = cover > 0
         traced = [bumpy.rays_alone(self.build, threads) for _ in range(REPEATS)]
-        bumpy.warn_if_stale(traced[0], cover)
         self.rays = statistics.median(bumpy.stage_cpu(image) for image in traced)
 
     def measure(
@@ -212,7 +211,7 @@ def views(threads: int, last_log2: int) -> None:
         view = View(place, threads)
         angle = np.degrees(bumpy.ASIDE)
         print(f"\n## {view.name}, {angle:g} degrees off the light, {threads} thread(s)\n")
-        tubes = view.tubes(2)  # far from the reference, which are tubes too
+        tubes = view.tubes(2)
         fixed = view.points("POINTS_FIXED", "floored_rel", VIEW_TARGET, last_log2)
         covariance = view.points("POINTS_COVARIANCE", "floored_rel", VIEW_TARGET, last_log2)
         both = [row for curves in (fixed, covariance) for rows in curves.values() for row in rows]
