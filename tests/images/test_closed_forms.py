@@ -534,9 +534,10 @@ def test_triangles_refuse_what_they_cannot_render(estimator: int) -> None:
     if estimator == ESTIMATORS["SPECULAR"]:
         with pytest.raises(errors.AmbUnsupported, match="has an extent"):
             render(build("wide"), 2, estimator=estimator)
-    report = render(build("huge"), 2, light_samples=2**10).report
-    assert report["estimator"] == "POINTS_COVARIANCE"
-    assert "is large" in report["estimator_reason"]
+    for lamp, bounces in (("huge", 0), ("wide", 2)):
+        report = render(build(lamp), 2, light_samples=2**10, light_bounces=bounces).report
+        assert report["estimator"] == "POINTS_COVARIANCE"
+        assert "is large" in report["estimator_reason"]
 
 
 def test_triangles_see_the_shadow_of_another_object() -> None:

@@ -180,21 +180,23 @@ enum {
     TUBE_BOUNCES_AUTO = 2 /* most internal reflections of the light for which AUTO takes tubes */
 };
 
-/* AUTO leaves lamps to points that tubes would cut into more cells than this along each axis: every
- * cell is gathered by itself. */
-enum { AUTO_CELLS_MAX = 4 };
+/* Every cell of a lamp is gathered by itself, and reflects by itself: AUTO leaves lamps to points
+ * that come to more cells than this together, 0 .. TUBE_BOUNCES_AUTO reflections. */
+static const uint32_t AUTO_CELLS_MAX[TUBE_BOUNCES_AUTO + 1] = {16, 4, 1};
 
-static uint32_t most_cells(const AmbScene *scene, const SceneLight *light) {
+/* Cells of a lamp with an extent, for the object that sees it largest; 0 for a point. */
+static uint32_t count_cells(const AmbScene *scene, const SceneLight *light) {
     uint32_t most = 0;
     for (uint32_t o = 0; o < scene->object_count; ++o)
         if (scene->objects[o].is_boundary) {
             const uint32_t cells = tube_source_cells(light, &scene->objects[o]);
             most = cells > most ? cells : most;
         }
-    return most;
+    return most * most;
 }
 
-static Obstacle light_obstacle(const AmbScene *scene, uint32_t estimator) {
+static Obstacle light_obstacle(const AmbScene *scene, uint32_t estimator, uint32_t bounces) {
+    uint32_t cells = 0;
     for (uint32_t l = 0; l < scene->light_count; ++l) {
         const SceneLight *light = &scene->lights[l];
         if (!(rgb_max(light->color) > 0.0f))
@@ -203,8 +205,11 @@ static Obstacle light_obstacle(const AmbScene *scene, uint32_t estimator) {
             light->kind == AMB_LIGHT_AREA || light->radius > 0.0f || light->angle > 0.0f;
         if (estimator == AMB_ESTIMATOR_SPECULAR && has_extent)
             return (Obstacle){"a lamp has an extent", light->name};
-        if (estimator == AMB_ESTIMATOR_AUTO && most_cells(scene, light) > AUTO_CELLS_MAX)
-            return (Obstacle){"a lamp is large, seen from an object", light->name};
+        if (estimator == AMB_ESTIMATOR_AUTO && has_extent && bounces <= TUBE_BOUNCES_AUTO) {
+            cells += count_cells(scene, light);
+            if (cells > AUTO_CELLS_MAX[bounces])
+                return (Obstacle){"a lamp is large, seen from an object", light->name};
+        }
         if (light->kind != AMB_LIGHT_SUN && scene_media_at(scene, light->position).count > 0)
             return (Obstacle){"a lamp is inside a translucent object", light->name};
     }
@@ -236,11 +241,10 @@ static bool is_nested(const AmbScene *scene, uint32_t o) {
     return false;
 }
 
-static Obstacle triangles_obstacle(const AmbScene *scene, uint32_t estimator,
-                                   const PlanEffect *light_bounces) {
-    if (estimator == AMB_ESTIMATOR_SPECULAR && light_bounces->is_simulated)
+static Obstacle triangles_obstacle(const AmbScene *scene, uint32_t estimator, uint32_t bounces) {
+    if (estimator == AMB_ESTIMATOR_SPECULAR && bounces > 0)
         return (Obstacle){"light_bounces is not 0", ""};
-    const Obstacle obstacle = light_obstacle(scene, estimator);
+    const Obstacle obstacle = light_obstacle(scene, estimator, bounces);
     if (obstacle.reason != NULL)
         return obstacle;
     for (uint32_t o = 0; o < scene->object_count; ++o)
@@ -263,8 +267,9 @@ static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *pa
     if (plan->estimator == AMB_ESTIMATOR_POINTS_FIXED ||
         plan->estimator == AMB_ESTIMATOR_POINTS_COVARIANCE)
         return AMB_OK;
-    const Obstacle obstacle =
-        triangles_obstacle(scene, plan->estimator, &plan->effects[PLAN_LIGHT_BOUNCES]);
+    const uint32_t bounces =
+        plan->effects[PLAN_LIGHT_BOUNCES].is_simulated ? params->light_bounces : 0;
+    const Obstacle obstacle = triangles_obstacle(scene, plan->estimator, bounces);
     if (plan->estimator != AMB_ESTIMATOR_AUTO) {
         PlanEffect *transmitted = &plan->effects[PLAN_TRANSMITTED_LIGHT];
         if (transmitted->is_simulated)
@@ -285,8 +290,7 @@ static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *pa
         /* Tubes end at the first face that they meet; points know what they are inside of. */
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = "a mesh is open or crosses itself";
-    } else if (plan->effects[PLAN_LIGHT_BOUNCES].is_simulated &&
-               params->light_bounces > TUBE_BOUNCES_AUTO) {
+    } else if (bounces > TUBE_BOUNCES_AUTO) {
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = "light_bounces is more than 2: tubes would spread over everything";
     } else if (plan->effects[PLAN_TRANSMITTED_LIGHT].is_simulated) {
