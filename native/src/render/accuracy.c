@@ -83,9 +83,7 @@ static AmbStatus climb(AmbRender *render, Ladder *ladder) {
     ladder->accounts[0] = ladder->accounts[1];
     ladder->fields[1] = field;
     ladder->accounts[1] = render->account;
-    Accuracy *accuracy = &render->accuracy;
-    return probe_run(&accuracy->probe, render->scene, field, &render->plan.camera, render->crop_x,
-                     render->crop_y, &render->job);
+    return render_probe(render, ladder->fields);
 }
 
 static double level_error(const Accuracy *accuracy, uint32_t level, const FieldPrior *prior) {

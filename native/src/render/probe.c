@@ -8,8 +8,9 @@
 #include "base/rng.h"
 
 enum {
-    PROBE_SAMPLES = 16,     /* of a pixel */
-    PROBE_PIXELS = 1 << 13, /* at least, where the image has so many */
+    PROBE_SAMPLES = 8,        /* of a pixel, */
+    PROBE_SAMPLES_MANY = 128, /* and of one where fields differ more than in the mean */
+    PROBE_PIXELS = 1 << 12,   /* at least, where the image has so many */
     PROBE_BLOCK_MAX = 8
 };
 
@@ -20,6 +21,8 @@ typedef struct ProbePass {
     const CameraParams *camera;
     uint32_t x, y;
     Job *job;
+    uint32_t level;
+    bool is_focused_only; /* the pixels of many samples alone */
 } ProbePass;
 
 AmbStatus probe_create(uint32_t width, uint32_t height, Probe *out_probe) {
@@ -33,13 +36,18 @@ AmbStatus probe_create(uint32_t width, uint32_t height, Probe *out_probe) {
                          .blocks_x = (width + block - 1) / block,
                          .blocks_y = (height + block - 1) / block};
     out_probe->objects = memory_zero_array((uint64_t)out_probe->blocks_x * out_probe->blocks_y, 1);
-    if (out_probe->objects == NULL)
+    out_probe->counts =
+        memory_alloc_array((uint64_t)out_probe->blocks_x * out_probe->blocks_y, sizeof(uint32_t));
+    if (out_probe->objects == NULL || out_probe->counts == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the light field's error");
+    for (uint64_t i = 0; i < (uint64_t)out_probe->blocks_x * out_probe->blocks_y; ++i)
+        out_probe->counts[i] = PROBE_SAMPLES;
     return AMB_OK;
 }
 
 void probe_clear(Probe *probe) {
     memory_free(probe->objects);
+    memory_free(probe->counts);
     for (uint32_t i = 0; i < FIELD_LEVEL_MAX; ++i)
         memory_free(probe->levels[i]);
     memset(probe, 0, sizeof *probe);
@@ -56,7 +64,8 @@ static AmbStatus probe_block(const ProbePass *pass, uint64_t index, ProbePixel *
     const uint32_t x = x0 + (uint32_t)(u * (float)(width < probe->block ? width : probe->block));
     const uint32_t y = y0 + (uint32_t)(v * (float)(height < probe->block ? height : probe->block));
     *out_pixel = (ProbePixel){.halves = {rgb(0, 0, 0), rgb(0, 0, 0)}};
-    for (uint32_t i = 0; i < PROBE_SAMPLES; ++i) {
+    const uint32_t count = probe->counts[index];
+    for (uint32_t i = 0; i < count; ++i) {
         if (job_is_cancelled(pass->job))
             return AMB_CANCELLED;
         const CameraSample sample =
@@ -68,16 +77,17 @@ static AmbStatus probe_block(const ProbePass *pass, uint64_t index, ProbePixel *
             probe->objects[index] = 1;
     }
     for (int h = 0; h < 2; ++h)
-        out_pixel->halves[h] = rgb_scale(out_pixel->halves[h], 2.0f / PROBE_SAMPLES);
+        out_pixel->halves[h] = rgb_scale(out_pixel->halves[h], 2.0f / (float)count);
     return AMB_OK;
 }
 
 static AmbStatus probe_blocks(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
     (void)thread;
     const ProbePass *pass = user;
-    ProbePixel *pixels = pass->probe->levels[pass->probe->level_count];
+    ProbePixel *pixels = pass->probe->levels[pass->level];
     for (uint64_t i = begin; i < end; ++i)
-        AMB_TRY(probe_block(pass, i, &pixels[i]));
+        if (!pass->is_focused_only || pass->probe->counts[i] == PROBE_SAMPLES_MANY)
+            AMB_TRY(probe_block(pass, i, &pixels[i]));
     return AMB_OK;
 }
 
@@ -91,16 +101,27 @@ float probe_block_square(const Probe *probe, uint64_t block, uint32_t a, uint32_
     return 0.25f * rgb_mean(rgb_mul(d, d));
 }
 
-/* The halves are independent, so that the product of their differences has the expectation of a
- * pixel's squared difference at infinitely many samples. */
+static bool has_objects(const Probe *probe) {
+    return memchr(probe->objects, 1, (uint64_t)probe->blocks_x * probe->blocks_y) != NULL;
+}
+
+/* Squared difference of two levels in a block's pixel. The halves are independent, so that the
+ * product of their differences has the expectation that it has at infinitely many samples; of many
+ * samples the square itself is near it, never negative, and rather too large. */
+static double block_square(const Probe *probe, uint64_t block, uint32_t a, uint32_t b) {
+    if (probe->counts[block] == PROBE_SAMPLES_MANY)
+        return (double)probe_block_square(probe, block, a, b);
+    return (double)rgb_mean(
+        rgb_mul(difference(probe, block, a, b, 0), difference(probe, block, a, b, 1)));
+}
+
 static double mean_square(const Probe *probe, uint32_t a, uint32_t b, bool is_objects_only) {
     const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
     double sum = 0.0;
     uint64_t count = 0;
     for (uint64_t i = 0; i < blocks; ++i)
         if (probe->objects[i] != 0 || !is_objects_only) {
-            sum += (double)rgb_mean(
-                rgb_mul(difference(probe, i, a, b, 0), difference(probe, i, a, b, 1)));
+            sum += block_square(probe, i, a, b);
             ++count;
         }
     return count > 0 ? sum / (double)count : 0.0;
@@ -119,6 +140,16 @@ static double mean_radiance(const Probe *probe, uint32_t level, bool is_objects_
     return count > 0 ? sum / (double)count : 0.0;
 }
 
+/* Differences of all levels with one. */
+static void compare_levels(Probe *probe, uint32_t level) {
+    const bool is_objects_only = has_objects(probe);
+    for (uint32_t i = 0; i < probe->level_count; ++i)
+        if (i != level)
+            probe->differences.squares[i][level] = probe->differences.squares[level][i] =
+                fmax(mean_square(probe, i, level, is_objects_only), 0.0);
+    probe->radiance = mean_radiance(probe, level, is_objects_only);
+}
+
 AmbStatus probe_run(Probe *probe, const AmbScene *scene, const Field *field,
                     const CameraParams *camera, uint32_t x, uint32_t y, Job *job) {
     const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
@@ -126,14 +157,27 @@ AmbStatus probe_run(Probe *probe, const AmbScene *scene, const Field *field,
     probe->levels[level] = memory_alloc_array(blocks, sizeof(ProbePixel));
     if (probe->levels[level] == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the light field's error");
-    ProbePass pass = {probe, scene, field, camera, x, y, job};
+    ProbePass pass = {probe, scene, field, camera, x, y, job, level, false};
     AMB_TRY(parallel_for(job, blocks, 16, probe_blocks, &pass));
     probe->level_count = level + 1;
     probe->differences.level_count = level + 1;
-    const bool is_objects_only = memchr(probe->objects, 1, blocks) != NULL;
-    for (uint32_t i = 0; i < level; ++i)
-        probe->differences.squares[i][level] = probe->differences.squares[level][i] =
-            fmax(mean_square(probe, i, level, is_objects_only), 0.0);
-    probe->radiance = mean_radiance(probe, level, is_objects_only);
+    compare_levels(probe, level);
+    return AMB_OK;
+}
+
+AmbStatus probe_focus(Probe *probe, const AmbScene *scene, Field *const fields[2],
+                      const CameraParams *camera, uint32_t x, uint32_t y, Job *job) {
+    const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
+    double sum = 0.0;
+    for (uint64_t i = 0; i < blocks; ++i)
+        sum += (double)probe_block_square(probe, i, 0, 1);
+    for (uint64_t i = 0; i < blocks; ++i)
+        if ((double)probe_block_square(probe, i, 0, 1) * (double)blocks > sum)
+            probe->counts[i] = PROBE_SAMPLES_MANY;
+    for (uint32_t level = 0; level < 2; ++level) {
+        ProbePass pass = {probe, scene, fields[level], camera, x, y, job, level, true};
+        AMB_TRY(parallel_for(job, blocks, 16, probe_blocks, &pass));
+    }
+    compare_levels(probe, 1);
     return AMB_OK;
 }

@@ -219,6 +219,18 @@ AmbStatus render_build_field(AmbRender *render, Field **out_field) {
     return status;
 }
 
+AmbStatus render_probe(AmbRender *render, Field *const fields[2]) {
+    const StageClock begin = clock_stage(render);
+    Probe *probe = &render->accuracy.probe;
+    AmbStatus status = probe_run(probe, render->scene, fields[1], &render->plan.camera,
+                                 render->crop_x, render->crop_y, &render->job);
+    if (status == AMB_OK && probe->level_count == 2)
+        status = probe_focus(probe, render->scene, fields, &render->plan.camera, render->crop_x,
+                             render->crop_y, &render->job);
+    charge_stage(render, STAGE_FIELD, begin);
+    return status;
+}
+
 static AmbStatus run_stages(AmbRender *render) {
     AMB_TRY(parallel_for(&render->job, render->film.height, 16, zero_rows, &render->film));
     AMB_TRY(run_scene(render));
@@ -319,7 +331,7 @@ static float remaining_seconds(const AmbRender *render, float inside) {
 
 static void describe_camera(const AmbRender *render, AmbProgress *out) {
     char left[32] = "";
-    if (out->remaining >= 0.0f)
+    if (render->state == AMB_STATE_RUNNING && out->remaining >= 0.0f)
         snprintf(left, sizeof left, ", %.0f s left", ceil((double)out->remaining));
     if (!(render->accuracy.target > 0.0f))
         snprintf(out->detail, sizeof out->detail, "Sample %u/%u%s", out->samples_done,

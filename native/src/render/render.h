@@ -65,6 +65,9 @@ void render_destroy(AmbRender *render);
 
 /* The light field as the plan has it now; its account replaces the last one's. */
 AmbStatus render_build_field(AmbRender *render, Field **out_field);
+/* The probes of render->accuracy seen through one more field, the second; the first is the one
+ * before. */
+AmbStatus render_probe(AmbRender *render, Field *const fields[2]);
 /* One more round of camera samples: quotas, by pixel of the film. */
 AmbStatus render_round(AmbRender *render, const Field *field, const uint32_t *quotas);
 /* The camera samples of all rounds, about, as far as is known. */
