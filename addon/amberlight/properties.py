@@ -75,7 +75,8 @@ class AmberlightSceneSettings(bpy.types.PropertyGroup):
     )
     light_samples: IntProperty(
         name="Light Samples",
-        description="Volume samples that the light leaves in the media",
+        description="Volume samples that the light leaves in the media; where an accuracy is set, "
+        "it may take from a 64th to 16 times as many",
         min=1,
         soft_min=1000,
         soft_max=100_000_000,

@@ -293,7 +293,8 @@ typedef struct AmbRenderParams {
     float accuracy;            /* > 0: target of the relative error of the picture (rel_rmse of
                                 * docs/accuracy.md). samples has then no effect; tube_refinement is
                                 * where the search for fine enough tubes begins; that for volume
-                                * samples begins at a 64th of light_samples. 0: fixed budgets */
+                                * samples goes from a 64th of light_samples to 16 times as many.
+                                * 0: fixed budgets */
     uint32_t reserved;
 } AmbRenderParams;
 

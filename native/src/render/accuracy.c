@@ -10,9 +10,9 @@
 static const double FIELD_SHARE = 0.7;
 /* Bytes of the largest light field that is built without being asked for. */
 static const uint64_t FIELD_BYTES_MAX = 2ull << 30;
-/* Volume samples of the first level, in units of those set: levels grow by 4. */
-enum { POINTS_FIRST_SHIFT = 6, POINTS_FIRST_MIN = 1 << 12, POINTS_LEVELS_MIN = 3 };
-static const uint64_t POINTS_MAX = 1ull << 25;
+/* Volume samples from a 64th of those set to 16 times as many; three levels at least. */
+enum { POINTS_FIRST_SHIFT = 6, POINTS_LAST_SHIFT = 4, POINTS_FIRST_MIN = 1 << 12 };
+enum { POINTS_LEVELS_MIN = 3 };
 enum { TUBE_REFINEMENT_MAX = 4, TUBES_LEVELS_MIN = 2 };
 
 /* Measured on the scenes of docs/accuracy.md. */
@@ -63,7 +63,7 @@ static bool set_level(AmbRender *render, uint32_t level, uint64_t bytes_before) 
     const uint64_t shifted = set >> POINTS_FIRST_SHIFT;
     const uint64_t first = shifted > POINTS_FIRST_MIN ? shifted : POINTS_FIRST_MIN;
     const uint64_t samples = first << (2 * level);
-    if (samples > (set > POINTS_MAX ? set : POINTS_MAX))
+    if (level >= POINTS_LEVELS_MIN && samples > set << POINTS_LAST_SHIFT)
         return false;
     plan_set_light_samples(&render->plan, samples);
     return true;
@@ -531,7 +531,7 @@ AmbStatus accuracy_run_camera(AmbRender *render, const Field *field) {
         accuracy->limit = "light field: two levels of it exceed 2 GiB, its error is unknown";
     else if (accuracy->limit[0] == '\0' && !accuracy->is_reached)
         accuracy->limit = is_tubes(render) ? "light field: tubes are refined no further"
-                                           : "light field: it holds no more volume samples";
+                                           : "light field: 16 times light_samples are the most";
     return status;
 }
 

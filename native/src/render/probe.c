@@ -8,10 +8,11 @@
 #include "base/rng.h"
 
 enum {
-    PROBE_SAMPLES = 8,        /* of a pixel, */
-    PROBE_SAMPLES_MANY = 128, /* and of one where fields differ more than in the mean */
-    PROBE_PIXELS = 1 << 12,   /* at least, where the image has so many */
-    PROBE_BLOCK_MAX = 8
+    PROBE_PIXELS = 1 << 12, /* at least, where the image has so many */
+    PROBE_BLOCK_MAX = 8,
+    PROBE_SAMPLES = 8,        /* of a pixel, and more where there are few pixels, */
+    PROBE_SAMPLES_MANY = 128, /* and of one where fields differ by the square more than */
+    PROBE_FOCUS = 2,          /* times the mean */
 };
 
 typedef struct ProbePass {
@@ -40,8 +41,12 @@ AmbStatus probe_create(uint32_t width, uint32_t height, Probe *out_probe) {
         memory_alloc_array((uint64_t)out_probe->blocks_x * out_probe->blocks_y, sizeof(uint32_t));
     if (out_probe->objects == NULL || out_probe->counts == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the light field's error");
-    for (uint64_t i = 0; i < (uint64_t)out_probe->blocks_x * out_probe->blocks_y; ++i)
-        out_probe->counts[i] = PROBE_SAMPLES;
+    const uint64_t blocks = (uint64_t)out_probe->blocks_x * out_probe->blocks_y;
+    uint32_t samples = PROBE_SAMPLES;
+    while (samples < PROBE_SAMPLES_MANY && samples * blocks < PROBE_SAMPLES * PROBE_PIXELS)
+        samples *= 2;
+    for (uint64_t i = 0; i < blocks; ++i)
+        out_probe->counts[i] = samples;
     return AMB_OK;
 }
 
@@ -172,7 +177,7 @@ AmbStatus probe_focus(Probe *probe, const AmbScene *scene, Field *const fields[2
     for (uint64_t i = 0; i < blocks; ++i)
         sum += (double)probe_block_square(probe, i, 0, 1);
     for (uint64_t i = 0; i < blocks; ++i)
-        if ((double)probe_block_square(probe, i, 0, 1) * (double)blocks > sum)
+        if ((double)probe_block_square(probe, i, 0, 1) * (double)blocks > PROBE_FOCUS * sum)
             probe->counts[i] = PROBE_SAMPLES_MANY;
     for (uint32_t level = 0; level < 2; ++level) {
         ProbePass pass = {probe, scene, fields[level], camera, x, y, job, level, true};
