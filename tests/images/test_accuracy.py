@@ -79,7 +79,9 @@ def test_target_out_of_reach_is_said() -> None:
     true = metrics.rel_rmse(image.pixels, reference("bumpy, point"), image.cover > 0)
     assert accuracy["stated"] / 1.5 < true < 1.5 * accuracy["stated"]
 
-    accuracy = render(build, 4, estimator=TUBES, accuracy=1e-6, tube_refinement=1).report["accuracy"]
+    accuracy = render(build, 4, estimator=TUBES, accuracy=1e-6, tube_refinement=1).report[
+        "accuracy"
+    ]
     assert accuracy["reached"] is False and accuracy["limit"].startswith("noise")
 
 
