@@ -342,7 +342,9 @@ static inline void touch_patches(const TubeTree *tree, const Query *q, Patches *
                                    q->moment[0], q->moment[1], q->moment[2]};
     uint32_t touched = 0;
     for (uint32_t i = 0; i < patches->found_count; ++i) {
-        const TubePatch *patch = &tree->patches[patches->found[i]];
+        /* Set by lanes_store_numbers, for as many as are counted. */
+        const uint32_t p = patches->found[i]; /* NOLINT(clang-analyzer-core.*) */
+        const TubePatch *patch = &tree->patches[p];
         Lanes values[2];
         if (fabsf(vec3_dot(vec3_from(patch->corners[0] + CORNER_W), q->d)) > PARALLEL_COS) {
             near_parallel_f(patch, q, values);
@@ -364,7 +366,7 @@ static inline void touch_patches(const TubeTree *tree, const Query *q, Patches *
         const uint32_t below = lanes_bits(values[0] < margin) | lanes_bits(values[1] < margin)
                                                                     << LANE_COUNT;
         const uint32_t tubes = words_meeting(patch->masks, above, below);
-        patches->touched[touched] = patches->found[i];
+        patches->touched[touched] = p;
         patches->tubes[touched] = tubes;
         patches->reaches[touched] = reach;
         touched += tubes != 0;

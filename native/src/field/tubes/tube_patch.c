@@ -142,9 +142,11 @@ static uint32_t hash_corner(const ChunkCorner *corner) {
 }
 
 static bool is_same_corner(const ChunkCorner *a, const ChunkCorner *b) {
+    for (int i = 0; i <= CORNER_VALUE; ++i)
+        if (a->numbers[i] != b->numbers[i])
+            return false;
     const float limit = b->numbers[CORNER_LIMIT];
-    return memcmp(a->numbers, b->numbers, (CORNER_VALUE + 1) * sizeof(float)) == 0 &&
-           a->start == b->start && fabsf(a->numbers[CORNER_LIMIT] - limit) <= LIMIT_SHARE * limit;
+    return a->start == b->start && fabsf(a->numbers[CORNER_LIMIT] - limit) <= LIMIT_SHARE * limit;
 }
 
 static ChunkCorner corner_of(const Tube *tube, int k) {

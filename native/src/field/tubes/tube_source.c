@@ -131,8 +131,9 @@ AmbStatus tube_sources_create(const AmbScene *scene, uint32_t object, TubeSource
         uint32_t n = tube_source_cells(light, body);
         n = n < TUBE_CELLS_MAX ? n : TUBE_CELLS_MAX;
         for (uint32_t i = 0; i < n * n; ++i) {
-            const Sample2 s = {(float)(2 * (i % n) + 1) / (float)n - 1.0f,
-                               (float)(2 * (i / n) + 1) / (float)n - 1.0f};
+            const uint32_t column = i % n, row = i / n;
+            const Sample2 s = {(float)(2 * column + 1) / (float)n - 1.0f,
+                               (float)(2 * row + 1) / (float)n - 1.0f};
             sources[count++] = make_cell(light, body, s, n);
         }
     }
