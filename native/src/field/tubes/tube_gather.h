@@ -9,8 +9,9 @@
 typedef FieldRadiance (*TubeGather)(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
                                     float length);
 
-/* Sum over all tubes whose light meets the segment o + t d, 0 < t < length (world). All variants
- * give the same bits: no fused multiply-add, the same order of sums. */
+/* Sum over all tubes whose light meets the segment o + t d, 0 < t < length (world). The portable
+ * and the AVX2 variant give the same bits: no fused multiply-add, the same order of sums. AVX-512
+ * fuses, and differs in the last digits. */
 FieldRadiance tube_gather_portable(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
                                    float length);
 FieldRadiance tube_gather_avx2(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
