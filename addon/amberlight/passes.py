@@ -21,6 +21,8 @@ PASSES = (
     Pass("Combined",          4, "RGBA", "COLOR", True),
     Pass("Depth",             1, "Z",    "VALUE", True),
     Pass("Single Scattering", 3, "RGB",  "COLOR", False),
+    Pass("Double Scattering", 3, "RGB",  "COLOR", False),
+    Pass("Multiple Scattering", 3, "RGB", "COLOR", False),
     Pass("Surface",           3, "RGB",  "COLOR", False),
     Pass("Frequency",         1, "X",    "VALUE", False),
     Pass("Error",             1, "X",    "VALUE", False),

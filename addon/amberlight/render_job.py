@@ -26,8 +26,8 @@ ESTIMATORS = {
 # setting: (bit, exists in this version)
 EFFECTS = {
     "use_single_scattering": (_ffi.AMB_EFFECT_SINGLE_SCATTERING, True),
-    "use_double_scattering": (_ffi.AMB_EFFECT_DOUBLE_SCATTERING, False),
-    "use_multiple_scattering": (_ffi.AMB_EFFECT_MULTIPLE_SCATTERING, False),
+    "use_double_scattering": (_ffi.AMB_EFFECT_DOUBLE_SCATTERING, True),
+    "use_multiple_scattering": (_ffi.AMB_EFFECT_MULTIPLE_SCATTERING, True),
     "use_surface_reflection": (_ffi.AMB_EFFECT_SURFACE_REFLECTION, True),
     "use_background": (_ffi.AMB_EFFECT_BACKGROUND, True),
     "use_transmitted_light": (_ffi.AMB_EFFECT_TRANSMITTED_LIGHT, True),

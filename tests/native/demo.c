@@ -110,9 +110,15 @@ AmbScene *demo_scene(const Demo *demo) {
     return scene;
 }
 
-const char *const PASS_NAMES[PASS_COUNT] = {"Combined", "Depth",     "Single Scattering",
-                                            "Surface",  "Frequency", "Error"};
-const uint32_t PASS_CHANNELS[PASS_COUNT] = {4, 1, 3, 3, 1, 1};
+const char *const PASS_NAMES[PASS_COUNT] = {"Combined",
+                                            "Depth",
+                                            "Single Scattering",
+                                            "Double Scattering",
+                                            "Multiple Scattering",
+                                            "Surface",
+                                            "Frequency",
+                                            "Error"};
+const uint32_t PASS_CHANNELS[PASS_COUNT] = {4, 1, 3, 3, 3, 3, 1, 1};
 
 uint64_t picture_floats(const Picture *picture, int pass) {
     return (uint64_t)picture->width * picture->height * PASS_CHANNELS[pass];
@@ -214,8 +220,9 @@ void picture_check(const Picture *picture, const char *what) {
     uint64_t unequal = 0;
     for (uint64_t i = 0; i < (uint64_t)picture->width * picture->height; ++i)
         for (int k = 0; k < 3; ++k) {
-            const double sum = (double)picture->passes[PASS_SINGLE][3 * i + (uint64_t)k] +
-                               (double)picture->passes[PASS_SURFACE][3 * i + (uint64_t)k];
+            double sum = 0.0;
+            for (int p = PASS_SINGLE; p <= PASS_SURFACE; ++p)
+                sum += (double)picture->passes[p][3 * i + (uint64_t)k];
             unequal += fabs((double)combined[4 * i + (uint64_t)k] - sum) > 4e-7 * sum;
         }
     test_check(unequal == 0, __FILE__, __LINE__, "%s: Combined is not the sum of its parts in %llu",

@@ -23,13 +23,13 @@ static FilmPixel random_pixel(uint64_t *state, uint32_t half_count, uint32_t n,
             v[k] = (float)test_uniform(state, 0.0, 2.0);
         const Rgb value = rgb(v[0], v[1], v[2]);
         if (i % 2 == 0)
-            pixel.single = rgb_add(pixel.single, value);
+            pixel.orders[0] = rgb_add(pixel.orders[0], value);
         else
             pixel.surface = rgb_add(pixel.surface, value);
         if (i < half_count)
             pixel.half = rgb_add(pixel.half, value);
     }
-    const Rgb mean = rgb_scale(rgb_add(pixel.single, pixel.surface), 1.0f / (float)n);
+    const Rgb mean = rgb_scale(film_pixel_sum(&pixel), 1.0f / (float)n);
     const Rgb error = rgb_add(mean, rgb(-1, -1, -1));
     *out_square = (double)rgb_mean(rgb_mul(error, error));
     return pixel;
@@ -54,7 +54,7 @@ static void halves_tell_the_variance_of_the_mean(void) {
         ENSURE_NEAR(stated / variance, 1.0, 0.025);
         ENSURE_NEAR(squares / variance, 1.0, 0.025);
     }
-    const FilmPixel one = {.count = 1, .single = {1, 2, 3}};
+    const FilmPixel one = {.count = 1, .orders = {{1, 2, 3}}};
     ENSURE(film_pixel_variance(&one) == 0.0f);
 }
 
@@ -63,7 +63,7 @@ static void only_objects_count(void) {
     ENSURE_STATUS(film_create(3, 2, &film), AMB_OK);
     film_zero_rows(&film, 0, 2);
     for (uint32_t x = 0; x < 3; ++x) {
-        const FilmPixel pixel = {.single = {4.0f * (float)x, 4.0f * (float)x, 4.0f * (float)x},
+        const FilmPixel pixel = {.orders = {{4.0f * (float)x, 4.0f * (float)x, 4.0f * (float)x}},
                                  .half = {1, 1, 1},
                                  .half_count = 2,
                                  .count = 4,

@@ -21,7 +21,7 @@ from ctypes import (
 )
 from typing import Any
 
-AMB_ABI_VERSION = 3
+AMB_ABI_VERSION = 4
 AMB_VERSION_STRING = "0.1.0"
 
 # ---- Status --------------------------------------------------------------------------------------
@@ -184,6 +184,13 @@ AMB_EFFECT_MULTIPLE_SCATTERING = 1 << 2
 AMB_EFFECT_SURFACE_REFLECTION = 1 << 3
 AMB_EFFECT_BACKGROUND = 1 << 4
 AMB_EFFECT_TRANSMITTED_LIGHT = 1 << 5
+AMB_EFFECT_CAUSTICS = 1 << 6
+AMB_EFFECT_WORLD_LIGHT = 1 << 7
+
+AMB_SCATTER_AUTO = 0
+AMB_SCATTER_WALK = 1
+AMB_SCATTER_PHOTONS = 2
+AMB_SCATTER_TREE_CUT = 3
 
 
 class AmbRenderParams(Structure):
@@ -208,7 +215,10 @@ class AmbRenderParams(Structure):
         ("film_transparent", c_uint32),
         ("tube_refinement", c_uint32),
         ("accuracy", c_float),
-        ("reserved", c_uint32),
+        ("scatter_estimator", c_uint32),
+        ("scatter_order_max", c_uint32),
+        ("effects_are_auto", c_uint32),
+        ("memory_limit", c_uint64),
     ]
 
 

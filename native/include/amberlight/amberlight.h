@@ -42,7 +42,7 @@ extern "C" {
 #endif
 
 /* Bumped when the layout of a struct or the meaning of a function changes. */
-#define AMB_ABI_VERSION 3
+#define AMB_ABI_VERSION 4
 #define AMB_VERSION_STRING "0.1.0"
 
 /* ---- Status ---------------------------------------------------------------------------------- */
@@ -263,12 +263,25 @@ enum {
 
 enum {
     AMB_EFFECT_SINGLE_SCATTERING = 1 << 0,
-    AMB_EFFECT_DOUBLE_SCATTERING = 1 << 1,   /* AMB_UNSUPPORTED in this version */
-    AMB_EFFECT_MULTIPLE_SCATTERING = 1 << 2, /* AMB_UNSUPPORTED in this version */
+    AMB_EFFECT_DOUBLE_SCATTERING = 1 << 1,
+    AMB_EFFECT_MULTIPLE_SCATTERING = 1 << 2, /* three times and more */
     AMB_EFFECT_SURFACE_REFLECTION = 1 << 3,
     AMB_EFFECT_BACKGROUND = 1 << 4,        /* what is seen through a refractive object */
     AMB_EFFECT_TRANSMITTED_LIGHT = 1 << 5, /* light that passes one refractive object and then
                                             * enters another, or the same again */
+    AMB_EFFECT_CAUSTICS = 1 << 6,            /* light that passes refractive objects or is
+                                              * reflected by them onto opaque surfaces */
+    AMB_EFFECT_WORLD_LIGHT = 1 << 7,         /* light of the world and of lit opaque surfaces that
+                                              * scatters in media */
+};
+
+/* How light that scattered twice and more is found. */
+enum {
+    AMB_SCATTER_AUTO = 0,
+    AMB_SCATTER_WALK = 1,     /* random walks from the camera, the last scattering gathered from
+                               * the light field: noise, no other bias than the field's */
+    AMB_SCATTER_PHOTONS = 2,  /* AMB_UNSUPPORTED in this version */
+    AMB_SCATTER_TREE_CUT = 3, /* AMB_UNSUPPORTED in this version */
 };
 
 typedef struct AmbRenderParams {
@@ -295,7 +308,11 @@ typedef struct AmbRenderParams {
                                 * where the search for fine enough tubes begins; that for volume
                                 * samples goes from a 64th of light_samples to 16 times as many.
                                 * 0: fixed budgets */
-    uint32_t reserved;
+    uint32_t scatter_estimator; /* AMB_SCATTER_* */
+    uint32_t scatter_order_max; /* scatterings after which light is left out; 0: no limit */
+    uint32_t effects_are_auto;  /* 1: of the effects named those that would not show are left out;
+                                 * 0: all that the scene has are simulated */
+    uint64_t memory_limit;      /* bytes; 0: half of the machine's memory */
 } AmbRenderParams;
 
 AMB_API void amb_render_params_init(AmbRenderParams *params);
@@ -338,11 +355,12 @@ AMB_API void amb_render_cancel(AmbRender *render);
 AMB_API AmbStatus amb_render_wait(AmbRender *render, double timeout, int32_t *out_ended);
 
 /* Passes: "Combined" (RGBA, alpha premultiplied), "Depth" (1: distance along the view axis, m;
- * 1e10 where nothing is seen), "Single Scattering" (RGB), "Surface" (RGB; everything that did not
- * scatter in a medium), "Frequency" (1: mean frequency factor of the gathered samples, [0,1]),
+ * 1e10 where nothing is seen), "Single Scattering", "Double Scattering", "Multiple
+ * Scattering" (RGB; light that scattered once, twice, more often in media), "Surface" (RGB;
+ * everything that did not scatter in a medium), "Frequency" (1: mean frequency factor of the gathered samples, [0,1]),
  * "Error" (1: standard error of Combined RGB as the render states it, mean of channels, W m^-2
  * sr^-1; under a target accuracy of noise and light field, after each round; else of the noise, at
- * the end, and 0 with one sample). Combined RGB = Single Scattering + Surface. */
+ * the end, and 0 with one sample). Combined RGB = the sum of the three of scattering and Surface. */
 AMB_API AmbStatus amb_render_pass_channels(AmbRender *render, const char *name,
                                            uint32_t *out_channels);
 

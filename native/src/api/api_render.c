@@ -40,6 +40,9 @@ static AmbStatus check_params(const AmbRenderParams *p) {
     if (p->tube_refinement > TUBE_REFINEMENT_MAX)
         return status_fail(AMB_INVALID_ARGUMENT, "tube_refinement is %u, must be 0 .. %d",
                            p->tube_refinement, TUBE_REFINEMENT_MAX);
+    if (p->scatter_estimator > AMB_SCATTER_TREE_CUT)
+        return status_fail(AMB_INVALID_ARGUMENT, "scatter_estimator is %u, must be 0 .. %d",
+                           p->scatter_estimator, AMB_SCATTER_TREE_CUT);
     AMB_TRY(check_range(&p->accuracy, 1, 0.0f, 1.0f, "accuracy", "params"));
     return check_range(&p->kernel_size, 1, 1e-6f, 1e6f, "kernel_size", "params");
 }

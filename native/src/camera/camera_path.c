@@ -2,21 +2,10 @@
  * The camera pass. */
 #include "camera/camera_path.h"
 
-#include "base/rng.h"
+#include "camera/scatter_walk.h"
+#include "camera/shade.h"
 
 enum { DEPTH_MAX = 256 }; /* boundaries along one branch, a guard against endless paths */
-
-/* Branches with less throughput survive by chance in proportion: unbiased. */
-static const float ROULETTE_THROUGHPUT = 0.01f;
-
-typedef struct Walker {
-    const AmbScene *scene;
-    const Field *field;
-    const CameraParams *params;
-    Rng rng;
-    uint32_t dimension; /* next unused random number */
-    CameraSample *out;
-} Walker;
 
 typedef struct Branch {
     Vec3 o, d;
@@ -27,74 +16,23 @@ typedef struct Branch {
     uint32_t depth;   /* boundaries so far */
 } Branch;
 
-static float next_random(Walker *walker) {
-    return rng_float(walker->rng, walker->dimension++);
-}
-
-static Sample2 next_random2(Walker *walker) {
-    const float u = next_random(walker);
-    return (Sample2){u, next_random(walker)};
-}
-
-static Rgb rgb_madd(Rgb a, Rgb b, Rgb c) {
-    return rgb_add(a, rgb_mul(b, c));
-}
-
-/* Medium along a shadow ray that starts inside one. */
-static Rgb shadow_transmittance(const Walker *walker, const MediumStack *stack, float distance) {
-    const SceneMaterial *material = medium_stack_material(walker->scene, stack);
-    if (material == NULL)
-        return rgb(1, 1, 1);
-    return isfinite(distance) ? medium_transmittance(&material->medium, distance) : rgb(0, 0, 0);
-}
-
-/* Radiance that an opaque surface sends back along the branch: direct light and the world. A
- * translucent object between it and the light casts a black shadow. */
-static Rgb shade_diffuse(Walker *walker, const SurfacePoint *surface, const Branch *branch) {
-    const AmbScene *scene = walker->scene;
-    const float side = vec3_dot(branch->d, surface->ng) < 0.0f ? 1.0f : -1.0f;
-    const Vec3 ng = vec3_scale(surface->ng, side);
-    const Vec3 ns = vec3_scale(surface->ns, side);
-    const Vec3 p = scene_leave(surface, ng);
-    Rgb irradiance = rgb(0, 0, 0);
-    for (uint32_t l = 0; l < scene->light_count; ++l) {
-        const LightArrival light =
-            light_arrival(&scene->lights[l], surface->p, next_random2(walker));
-        const float cosine = vec3_dot(light.wi, ns);
-        if (!(cosine > 0.0f) || !(vec3_dot(light.wi, ng) > 0.0f) ||
-            !(rgb_max(light.irradiance) > 0.0f))
-            continue;
-        if (scene_is_occluded(scene, p, light.wi, light.distance))
-            continue;
-        const Rgb arriving =
-            rgb_mul(light.irradiance, shadow_transmittance(walker, &branch->stack, light.distance));
-        irradiance = rgb_add(irradiance, rgb_scale(arriving, cosine));
-    }
-    Rgb radiance = rgb_scale(rgb_mul(surface->material->albedo, irradiance), 1.0f / AMB_PI);
-    if (rgb_max(scene->world) > 0.0f) {
-        Vec3 x, y;
-        vec3_frame(ns, &x, &y);
-        const Vec3 up = sample_cosine_hemisphere(next_random2(walker));
-        const Vec3 d = frame_to_world(x, y, ns, up);
-        if (vec3_dot(d, ng) > 0.0f && !scene_is_occluded(scene, p, d, INFINITY))
-            radiance = rgb_madd(radiance, surface->material->albedo, scene->world);
-    }
-    return rgb_add(radiance, surface->material->emission);
-}
-
 /* Adds what scattered along the branch inside its medium, and attenuates the branch. */
 static void pass_medium(Walker *walker, Branch *branch, float length) {
     const Medium *medium = &medium_stack_material(walker->scene, &branch->stack)->medium;
-    if (walker->field != NULL && medium_scatters(medium)) {
+    if (walker->field != NULL && medium_scatters(medium) &&
+        (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0) {
         const FieldSegment segment = {branch->o, branch->d, length,
                                       medium_stack_top(&branch->stack)};
         const FieldRadiance gathered = field_gather(walker->field, &segment);
         CameraSample *out = walker->out;
-        out->single = rgb_madd(out->single, branch->throughput, gathered.radiance);
+        out->orders[0] = rgb_madd(out->orders[0], branch->throughput, gathered.radiance);
         const float weight = rgb_mean(branch->throughput);
         out->frequency += weight * gathered.frequency;
         out->contribution += weight * gathered.contribution;
     }
+    /* What the walls reflect goes on in the walk of the first stretch. */
+    if (branch->bounces == 0 && walk_is_wanted(walker->params) && medium_scatters(medium))
+        walk_scatter(walker, branch->o, branch->d, &branch->stack, branch->throughput);
     branch->throughput = rgb_mul(branch->throughput, medium_transmittance(medium, length));
 }
 
@@ -105,9 +43,9 @@ static void follow_next(Walker *walker, const Branch *from, const SurfacePoint *
     if (from->depth + 1 >= DEPTH_MAX)
         return;
     const float strongest = rgb_max(throughput);
-    if (strongest < ROULETTE_THROUGHPUT) {
-        const float survival = strongest / ROULETTE_THROUGHPUT;
-        if (next_random(walker) >= survival)
+    if (strongest < WALKER_ROULETTE_THROUGHPUT) {
+        const float survival = strongest / WALKER_ROULETTE_THROUGHPUT;
+        if (walker_random(walker) >= survival)
             return;
         throughput = rgb_scale(throughput, 1.0f / survival);
     }
@@ -160,12 +98,8 @@ static void follow(Walker *walker, Branch branch) {
     Hit hit;
     const bool is_hit = scene_intersect(scene, branch.o, branch.d, branch.t_max, &hit);
     if (is_inside) {
-        /* Through a hole in the mesh the medium would go on for ever: it ends where the scene
-         * does. */
         const float length =
-            is_hit ? hit.t
-                   : fminf(branch.t_max,
-                           scene->radius + vec3_length(vec3_sub(branch.o, scene->center)));
+            is_hit ? hit.t : fminf(branch.t_max, walker_end_of_scene(scene, branch.o));
         if (!is_hit && !isfinite(branch.t_max))
             ++walker->out->leak_count;
         pass_medium(walker, &branch, length);
@@ -188,7 +122,7 @@ static void follow(Walker *walker, Branch branch) {
         follow_boundary(walker, &branch, &surface);
         return;
     }
-    const Rgb radiance = shade_diffuse(walker, &surface, &branch);
+    const Rgb radiance = shade_diffuse(walker, &surface, branch.d, &branch.stack);
     out->surface = rgb_madd(out->surface, branch.throughput, radiance);
 }
 
@@ -206,7 +140,7 @@ CameraSample camera_sample(const AmbScene *scene, const Field *field, const Came
                      .params = params,
                      .rng = {rng_mix(pixel_rng.key + index + 1)},
                      .out = &sample};
-    const Sample2 lens = next_random2(&walker);
+    const Sample2 lens = walker_random2(&walker);
     const CameraRay ray = camera_ray(&scene->camera, ((float)x + jitter.u) / (float)params->width,
                                      ((float)y + jitter.v) / (float)params->height, lens);
     follow(&walker, (Branch){.o = ray.o,

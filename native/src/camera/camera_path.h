@@ -5,20 +5,24 @@
 
 #include "field/field.h"
 
+enum { CAMERA_ORDER_COUNT = 3 };
+
 typedef struct CameraParams {
     uint32_t width, height; /* of the full image, pixels */
     uint32_t effects;       /* AMB_EFFECT_* to simulate */
     uint32_t bounces;       /* internal reflections to follow */
     uint32_t seed;
+    uint32_t order_max; /* scatterings after which light is left out; 0: no limit */
     bool film_transparent;
     bool may_start_inside; /* a translucent object is near where camera rays begin */
     uint32_t replicas;     /* independent sequences that cover a pixel in turn, >= 1: one is more
                             * even, and between two the difference tells the error of their mean */
+    const Job *job;        /* a long walk ends where it is cancelled; NULL: never */
 } CameraParams;
 
 typedef struct CameraSample {
-    Rgb single;  /* scattered once in a medium, W m^-2 sr^-1 */
-    Rgb surface; /* everything else */
+    Rgb orders[CAMERA_ORDER_COUNT]; /* scattered once, twice, more often in media, W m^-2 sr^-1 */
+    Rgb surface;                    /* not scattered in a medium */
     float alpha;
     float depth;         /* along the view axis, m; CAMERA_DEPTH_NONE where nothing is seen */
     float frequency;     /* sum of contribution * frequency factor */
@@ -26,6 +30,14 @@ typedef struct CameraSample {
     uint32_t leak_count; /* segments that left an object through a hole of its mesh */
     bool is_object;      /* the primary ray hits a translucent object */
 } CameraSample;
+
+/* All radiance: orders and surface. */
+static inline Rgb camera_sample_sum(const CameraSample *sample) {
+    Rgb sum = sample->surface;
+    for (int k = 0; k < CAMERA_ORDER_COUNT; ++k)
+        sum = rgb_add(sum, sample->orders[k]);
+    return sum;
+}
 
 #define CAMERA_DEPTH_NONE 1e10f
 

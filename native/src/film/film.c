@@ -6,12 +6,23 @@
 
 #include "base/memory.h"
 
-enum { PASS_COMBINED, PASS_DEPTH, PASS_SINGLE, PASS_SURFACE, PASS_FREQUENCY, PASS_ERROR };
+enum {
+    PASS_COMBINED,
+    PASS_DEPTH,
+    PASS_SINGLE,
+    PASS_DOUBLE,
+    PASS_MULTIPLE,
+    PASS_SURFACE,
+    PASS_FREQUENCY,
+    PASS_ERROR
+};
 
 const FilmPass FILM_PASSES[FILM_PASS_COUNT] = {
     [PASS_COMBINED] = {"Combined", 4, {"R", "G", "B", "A"}},
     [PASS_DEPTH] = {"Depth", 1, {"Z"}},
     [PASS_SINGLE] = {"Single Scattering", 3, {"R", "G", "B"}},
+    [PASS_DOUBLE] = {"Double Scattering", 3, {"R", "G", "B"}},
+    [PASS_MULTIPLE] = {"Multiple Scattering", 3, {"R", "G", "B"}},
     [PASS_SURFACE] = {"Surface", 3, {"R", "G", "B"}},
     [PASS_FREQUENCY] = {"Frequency", 1, {"X"}},
     [PASS_ERROR] = {"Error", 1, {"X"}},
@@ -32,7 +43,8 @@ AmbStatus film_create(uint32_t width, uint32_t height, Film *out_film) {
     out_film->height = height;
     for (int i = 0; i < FILM_LOCK_COUNT; ++i)
         pthread_mutex_init(&out_film->locks[i], NULL);
-    atomic_init(&out_film->nonfinite_single, 0);
+    for (int k = 0; k < FILM_ORDER_COUNT; ++k)
+        atomic_init(&out_film->nonfinite_orders[k], 0);
     atomic_init(&out_film->nonfinite_surface, 0);
     return AMB_OK;
 }
@@ -49,9 +61,13 @@ void film_clear(Film *film) {
 
 void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum) {
     FilmPixel add = *sum;
-    if (!rgb_is_finite(add.single) || !isfinite(add.frequency) || !isfinite(add.contribution)) {
-        atomic_fetch_add(&film->nonfinite_single, 1);
-        add.single = rgb(0, 0, 0);
+    for (int k = 0; k < FILM_ORDER_COUNT; ++k)
+        if (!rgb_is_finite(add.orders[k])) {
+            atomic_fetch_add(&film->nonfinite_orders[k], 1);
+            add.orders[k] = rgb(0, 0, 0);
+        }
+    if (!isfinite(add.frequency) || !isfinite(add.contribution)) {
+        atomic_fetch_add(&film->nonfinite_orders[0], 1);
         add.frequency = add.contribution = 0.0f;
     }
     if (!rgb_is_finite(add.surface)) {
@@ -65,7 +81,8 @@ void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum) {
     FilmPixel *pixel = &film->pixels[index];
     pthread_mutex_t *lock = &film->locks[y % FILM_LOCK_COUNT];
     pthread_mutex_lock(lock);
-    pixel->single = rgb_add(pixel->single, add.single);
+    for (int k = 0; k < FILM_ORDER_COUNT; ++k)
+        pixel->orders[k] = rgb_add(pixel->orders[k], add.orders[k]);
     pixel->surface = rgb_add(pixel->surface, add.surface);
     pixel->alpha += add.alpha;
     pixel->frequency += add.frequency;
@@ -104,18 +121,27 @@ static void put_rgb(float *out, Rgb value) {
     out[2] = value.b;
 }
 
+Rgb film_pixel_sum(const FilmPixel *pixel) {
+    Rgb sum = pixel->surface;
+    for (int k = 0; k < FILM_ORDER_COUNT; ++k)
+        sum = rgb_add(sum, pixel->orders[k]);
+    return sum;
+}
+
 static void read_pixel(const FilmPixel *pixel, uint32_t pass, float *out) {
     const float scale = pixel->count > 0 ? 1.0f / (float)pixel->count : 0.0f;
     switch (pass) {
     case PASS_COMBINED:
-        put_rgb(out, rgb_scale(rgb_add(pixel->single, pixel->surface), scale));
+        put_rgb(out, rgb_scale(film_pixel_sum(pixel), scale));
         out[3] = pixel->alpha * scale;
         break;
     case PASS_DEPTH:
         out[0] = pixel->depth;
         break;
     case PASS_SINGLE:
-        put_rgb(out, rgb_scale(pixel->single, scale));
+    case PASS_DOUBLE:
+    case PASS_MULTIPLE:
+        put_rgb(out, rgb_scale(pixel->orders[pass - PASS_SINGLE], scale));
         break;
     case PASS_SURFACE:
         put_rgb(out, rgb_scale(pixel->surface, scale));

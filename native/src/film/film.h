@@ -9,26 +9,31 @@
 #include "base/status.h"
 #include "math/vec3.h"
 
-enum { FILM_LOCK_COUNT = 64 };
+enum { FILM_LOCK_COUNT = 64, FILM_ORDER_COUNT = 3 };
 
 /* What samples add to one pixel. Sums over samples, but for depth: of the first sample. */
 typedef struct FilmPixel {
-    Rgb single, surface;
+    Rgb orders[FILM_ORDER_COUNT]; /* scattered once, twice, more often */
+    Rgb surface;
     float alpha;
     float frequency, contribution;
     float depth;
     uint32_t count;        /* samples */
-    Rgb half;              /* single + surface of those samples that make the first half, */
+    Rgb half;              /* orders + surface of those samples that make the first half, */
     uint32_t half_count;   /* and their number */
     uint32_t object_count; /* samples whose primary ray hits a translucent object */
 } FilmPixel;
+
+/* All radiance: orders and surface. */
+Rgb film_pixel_sum(const FilmPixel *pixel);
 
 typedef struct Film {
     uint32_t width, height;                 /* of the rendered rectangle, pixels */
     FilmPixel *pixels;                      /* row 0 = bottom */
     float *errors;                          /* the Error pass, 0 until it is set */
     pthread_mutex_t locks[FILM_LOCK_COUNT]; /* by row: a reader may look while samples arrive */
-    atomic_uint_least64_t nonfinite_single, nonfinite_surface; /* samples refused, by birthplace */
+    /* Samples refused, by birthplace. */
+    atomic_uint_least64_t nonfinite_orders[FILM_ORDER_COUNT], nonfinite_surface;
 } Film;
 
 /* Room for the pixels, not yet zeroed: on a large image that takes seconds. */
@@ -54,7 +59,7 @@ void film_read_row(Film *film, uint32_t pass, uint32_t y, float *out_row);
 /* Pass number of a name, or UINT32_MAX. */
 uint32_t film_pass_find(const char *name);
 
-enum { FILM_PASS_COUNT = 6 };
+enum { FILM_PASS_COUNT = 8 };
 typedef struct FilmPass {
     const char *name;
     uint32_t channels;

@@ -6,7 +6,7 @@ float film_pixel_variance(const FilmPixel *pixel) {
     const uint32_t a = pixel->half_count, n = pixel->count, b = n - a;
     if (a == 0 || b == 0)
         return 0.0f;
-    const Rgb all = rgb_add(pixel->single, pixel->surface);
+    const Rgb all = film_pixel_sum(pixel);
     const Rgb first = rgb_scale(pixel->half, 1.0f / (float)a);
     const Rgb second = rgb_scale(rgb_add(all, rgb_scale(pixel->half, -1.0f)), 1.0f / (float)b);
     const Rgb difference = rgb_add(first, rgb_scale(second, -1.0f));
@@ -21,8 +21,7 @@ FilmSum film_sum_row(const Film *film, uint32_t y, bool is_objects_only) {
         if (pixel->count == 0 || (is_objects_only && pixel->object_count == 0))
             continue;
         sum.variance += (double)film_pixel_variance(pixel);
-        sum.radiance +=
-            (double)(rgb_mean(rgb_add(pixel->single, pixel->surface)) / (float)pixel->count);
+        sum.radiance += (double)(rgb_mean(film_pixel_sum(pixel)) / (float)pixel->count);
         ++sum.count;
     }
     return sum;

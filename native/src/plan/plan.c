@@ -18,10 +18,12 @@ AmbStatus plan_check(const AmbRenderParams *params) {
     if (params->estimator > AMB_ESTIMATOR_SPECULAR)
         return status_fail(AMB_UNSUPPORTED, "estimator %s is not available in this version",
                            plan_estimator_name(params->estimator));
-    if ((params->effects & AMB_EFFECT_DOUBLE_SCATTERING) != 0 ||
-        (params->effects & AMB_EFFECT_MULTIPLE_SCATTERING) != 0)
+    if (params->scatter_estimator > AMB_SCATTER_WALK)
+        return status_fail(AMB_UNSUPPORTED, "scatter estimator %u is not available in this version",
+                           params->scatter_estimator);
+    if ((params->effects & AMB_EFFECT_CAUSTICS) != 0)
         return status_fail(AMB_UNSUPPORTED,
-                           "double and multiple scattering are not available in this version");
+                           "caustics on opaque surfaces are not available in this version");
     return AMB_OK;
 }
 
@@ -62,15 +64,33 @@ static bool has_light(const AmbScene *scene) {
     return false;
 }
 
-static PlanEffect plan_single(const AmbScene *scene, const AmbRenderParams *params) {
+static PlanEffect plan_single(const AmbScene *scene, const AmbRenderParams *params,
+                              bool has_world) {
     const char *name = "single scattering";
     if ((params->effects & AMB_EFFECT_SINGLE_SCATTERING) == 0)
         return skipped(name, "switched off");
     if (!has_scattering(scene))
         return skipped(name, "no medium scatters");
-    if (!has_light(scene))
-        return skipped(name, "no lamp");
-    return simulated(name, "a medium scatters the light of a lamp");
+    if (has_light(scene))
+        return simulated(name, "a medium scatters the light of a lamp");
+    if (has_world)
+        return simulated(name, "a medium scatters the light of its surroundings");
+    return skipped(name, "no lamp");
+}
+
+/* Light of later orders: from lamps, or from the surroundings. */
+static PlanEffect plan_later_order(const AmbScene *scene, const AmbRenderParams *params,
+                                   const char *name, uint32_t order, uint32_t effect,
+                                   bool has_world) {
+    if ((params->effects & effect) == 0)
+        return skipped(name, "switched off");
+    if (params->scatter_order_max > 0 && params->scatter_order_max < order)
+        return skipped(name, "scatter_order_max set");
+    if (!has_scattering(scene))
+        return skipped(name, "no medium scatters");
+    if (!has_light(scene) && !has_world)
+        return skipped(name, "no light");
+    return simulated(name, "a medium scatters light");
 }
 
 static PlanEffect plan_bounces(const AmbScene *scene, const char *name, uint32_t bounces,
@@ -160,13 +180,22 @@ static PlanEffect plan_transmitted(const AmbRenderParams *params, bool is_single
     return simulated(name, "it adds to the light in media, by probe rays");
 }
 
-static PlanEffect plan_world(const AmbScene *scene) {
-    const char *name = "light of the world in media";
-    if (!(rgb_max(scene->world) > 0.0f))
-        return skipped(name, "the world is black");
+static bool has_opaque_surface(const AmbScene *scene) {
+    for (uint32_t m = 0; m < scene->material_count; ++m)
+        if (scene->materials[m].surface == AMB_SURFACE_DIFFUSE)
+            return true;
+    return false;
+}
+
+static PlanEffect plan_world(const AmbScene *scene, const AmbRenderParams *params) {
+    const char *name = "light of the surroundings in media";
+    if ((params->effects & AMB_EFFECT_WORLD_LIGHT) == 0)
+        return skipped(name, "switched off");
+    if (!(rgb_max(scene->world) > 0.0f) && !has_opaque_surface(scene))
+        return skipped(name, "the world is black and no surface is opaque");
     if (!has_scattering(scene))
         return skipped(name, "no medium scatters");
-    return skipped(name, "not available in this version: it is seen, but does not scatter");
+    return simulated(name, "a medium scatters, and there are surroundings");
 }
 
 /* What TUBES and SPECULAR cannot do: both refract each light at the mesh's own triangles. */
@@ -258,7 +287,7 @@ static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *pa
                                 const LightProbe *probe, Plan *plan) {
     plan->estimator = params->estimator;
     plan->estimator_reason = "asked for";
-    if (!plan->effects[PLAN_SINGLE_SCATTERING].is_simulated) {
+    if (!plan->has_field) {
         if (plan->estimator == AMB_ESTIMATOR_AUTO)
             plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = "nothing scatters";
@@ -310,24 +339,28 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job 
                       Plan *out_plan) {
     Plan plan = {.estimator = params->estimator};
     PlanEffect *effects = plan.effects;
-    effects[PLAN_SINGLE_SCATTERING] = plan_single(scene, params);
-    const bool is_single = effects[PLAN_SINGLE_SCATTERING].is_simulated;
-    effects[PLAN_LIGHT_BOUNCES] =
-        plan_bounces(scene, "light-side internal reflection", params->light_bounces, is_single);
+    effects[PLAN_WORLD_LIGHT] = plan_world(scene, params);
+    const bool has_world = effects[PLAN_WORLD_LIGHT].is_simulated;
+    effects[PLAN_SINGLE_SCATTERING] = plan_single(scene, params, has_world);
+    effects[PLAN_DOUBLE_SCATTERING] = plan_later_order(scene, params, "double scattering", 2,
+                                                       AMB_EFFECT_DOUBLE_SCATTERING, has_world);
+    effects[PLAN_MULTIPLE_SCATTERING] = plan_later_order(scene, params, "multiple scattering", 3,
+                                                         AMB_EFFECT_MULTIPLE_SCATTERING, has_world);
+    plan.has_field = has_light(scene) && (effects[PLAN_SINGLE_SCATTERING].is_simulated ||
+                                          effects[PLAN_DOUBLE_SCATTERING].is_simulated ||
+                                          effects[PLAN_MULTIPLE_SCATTERING].is_simulated);
+    effects[PLAN_LIGHT_BOUNCES] = plan_bounces(scene, "light-side internal reflection",
+                                               params->light_bounces, plan.has_field);
     /* On the camera side they also show the background again, so a boundary is reason enough. */
     effects[PLAN_CAMERA_BOUNCES] =
         plan_bounces(scene, "camera-side internal reflection", params->camera_bounces,
-                     is_single || (params->effects & AMB_EFFECT_BACKGROUND) != 0);
+                     plan.has_field || (params->effects & AMB_EFFECT_BACKGROUND) != 0);
     effects[PLAN_SURFACE_REFLECTION] = plan_surface(scene, params);
     effects[PLAN_BACKGROUND] = plan_background(scene, params);
     LightProbe probe = {.is_irregular = false};
-    if (is_single)
+    if (plan.has_field)
         AMB_TRY(probe_light(scene, params, job, &probe));
-    effects[PLAN_TRANSMITTED_LIGHT] = plan_transmitted(params, is_single, &probe);
-    effects[PLAN_WORLD_LIGHT] = plan_world(scene);
-    effects[PLAN_DOUBLE_SCATTERING] = skipped("double scattering", "not available in this version");
-    effects[PLAN_MULTIPLE_SCATTERING] =
-        skipped("multiple scattering", "not available in this version");
+    effects[PLAN_TRANSMITTED_LIGHT] = plan_transmitted(params, plan.has_field, &probe);
     AMB_TRY(plan_estimator(scene, params, &probe, &plan));
 
     plan.light = (LightTraceParams){
@@ -343,16 +376,24 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job 
 
     plan_set_light_samples(&plan, params->light_samples);
 
+    static const struct {
+        uint32_t effect, bit;
+    } on_camera[] = {{PLAN_SINGLE_SCATTERING, AMB_EFFECT_SINGLE_SCATTERING},
+                     {PLAN_DOUBLE_SCATTERING, AMB_EFFECT_DOUBLE_SCATTERING},
+                     {PLAN_MULTIPLE_SCATTERING, AMB_EFFECT_MULTIPLE_SCATTERING},
+                     {PLAN_WORLD_LIGHT, AMB_EFFECT_WORLD_LIGHT},
+                     {PLAN_SURFACE_REFLECTION, AMB_EFFECT_SURFACE_REFLECTION},
+                     {PLAN_BACKGROUND, AMB_EFFECT_BACKGROUND}};
     uint32_t camera_effects = 0;
-    if (effects[PLAN_SURFACE_REFLECTION].is_simulated)
-        camera_effects |= AMB_EFFECT_SURFACE_REFLECTION;
-    if (effects[PLAN_BACKGROUND].is_simulated)
-        camera_effects |= AMB_EFFECT_BACKGROUND;
+    for (size_t i = 0; i < sizeof on_camera / sizeof on_camera[0]; ++i)
+        if (effects[on_camera[i].effect].is_simulated)
+            camera_effects |= on_camera[i].bit;
     plan.camera = (CameraParams){
         .width = params->width,
         .height = params->height,
         .effects = camera_effects,
         .bounces = effects[PLAN_CAMERA_BOUNCES].is_simulated ? params->camera_bounces : 0,
+        .order_max = params->scatter_order_max,
         .seed = params->seed,
         .film_transparent = params->film_transparent != 0,
         .may_start_inside = may_start_inside(scene),

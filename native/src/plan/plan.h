@@ -26,6 +26,7 @@ typedef struct PlanEffect {
 
 typedef struct Plan {
     PlanEffect effects[PLAN_EFFECT_COUNT];
+    bool has_field;               /* an effect gathers light of lamps in media */
     uint32_t estimator;           /* resolved, not AUTO */
     const char *estimator_reason; /* one phrase, static storage */
     LightTraceParams light;

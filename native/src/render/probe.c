@@ -75,7 +75,7 @@ static AmbStatus probe_block(const ProbePass *pass, uint64_t index, ProbePixel *
             return AMB_CANCELLED;
         const CameraSample sample =
             camera_sample(pass->scene, pass->field, pass->camera, pass->x + x, pass->y + y, i);
-        const Rgb radiance = rgb_add(sample.single, sample.surface);
+        const Rgb radiance = camera_sample_sum(&sample);
         if (rgb_is_finite(radiance))
             out_pixel->halves[i % 2] = rgb_add(out_pixel->halves[i % 2], radiance);
         if (sample.is_object)

@@ -16,6 +16,7 @@ const char *const STAGE_NAMES[STAGE_COUNT] = {"scene", "light", "field", "camera
 static const float STAGE_BEGIN[STAGE_COUNT + 1] = {0.0f, 0.02f, 0.08f, 0.15f, 1.0f};
 
 enum { TILE = 8, ROUND_MAX = 16 };
+_Static_assert((int)CAMERA_ORDER_COUNT == (int)FILM_ORDER_COUNT, "a pass for each order");
 
 /* One pass over all pixels. */
 typedef struct Round {
@@ -58,14 +59,15 @@ static AmbStatus render_pixel(const Round *round, uint32_t x, uint32_t y, uint32
             return AMB_CANCELLED;
         const CameraSample sample = camera_sample(render->scene, round->field, &render->plan.camera,
                                                   render->crop_x + x, render->crop_y + y, i);
-        sum.single = rgb_add(sum.single, sample.single);
+        for (int k = 0; k < CAMERA_ORDER_COUNT; ++k)
+            sum.orders[k] = rgb_add(sum.orders[k], sample.orders[k]);
         sum.surface = rgb_add(sum.surface, sample.surface);
         sum.alpha += sample.alpha;
         sum.frequency += sample.frequency;
         sum.contribution += sample.contribution;
         sum.object_count += sample.is_object ? 1 : 0;
         if (is_first_half(render, i)) {
-            sum.half = rgb_add(sum.half, rgb_add(sample.single, sample.surface));
+            sum.half = rgb_add(sum.half, camera_sample_sum(&sample));
             ++sum.half_count;
         }
         if (i == first)
@@ -172,6 +174,7 @@ static AmbStatus run_scene(AmbRender *render) {
     /* Embree builds on threads of its own: the process's clock sees them. */
     render->costs[STAGE_SCENE].cpu = clock_process_cpu() - process;
     if (status == AMB_OK) {
+        render->plan.camera.job = &render->job;
         render->has_plan = true;
         render->scene_bytes = scene_bytes(render->scene);
     }
@@ -235,7 +238,7 @@ static AmbStatus run_stages(AmbRender *render) {
     AMB_TRY(parallel_for(&render->job, render->film.height, 16, zero_rows, &render->film));
     AMB_TRY(run_scene(render));
     Field *field = NULL;
-    if (!render->plan.effects[PLAN_SINGLE_SCATTERING].is_simulated)
+    if (!render->plan.has_field)
         render->accuracy.has_field = true; /* and 0: there is none */
     else if (render->accuracy.target > 0.0f)
         AMB_TRY(accuracy_choose_field(render, &field));

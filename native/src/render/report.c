@@ -155,7 +155,9 @@ static uint32_t used_samples(const AmbRender *render) {
 
 void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t *out_size) {
     Text text = {buffer, buffer != NULL ? size : 0, 0};
-    const uint64_t single = atomic_load(&render->film.nonfinite_single);
+    uint64_t orders = 0;
+    for (int k = 0; k < FILM_ORDER_COUNT; ++k)
+        orders += atomic_load(&render->film.nonfinite_orders[k]);
     const uint64_t surface = atomic_load(&render->film.nonfinite_surface);
     add(&text, "{\n  \"version\": \"%s\",\n", AMB_VERSION_STRING);
     add(&text, "  \"estimator\": \"%s\",\n", plan_estimator_name(render->plan.estimator));
@@ -177,9 +179,9 @@ void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t
     add_memory(&text, render);
     add_light(&text, render);
     add_accuracy(&text, render);
-    add_warnings(&text, render, single + surface);
+    add_warnings(&text, render, orders + surface);
     add(&text, "  \"nonfinite\": %llu,\n  \"nonfinite_by\": {\"gather\": %llu, \"surface\": %llu}",
-        (unsigned long long)(single + surface), (unsigned long long)single,
+        (unsigned long long)(orders + surface), (unsigned long long)orders,
         (unsigned long long)surface);
     add(&text, "\n}\n");
     *out_size = text.length + 1;

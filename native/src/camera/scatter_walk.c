@@ -1,0 +1,317 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Light of two and more scatterings. method.md sec. 4's walk: the last scattering before the lamp
+ * is never sampled but gathered, so lamps without extent behind refractive walls are no matter. */
+#include "camera/scatter_walk.h"
+
+#include "camera/shade.h"
+#include "optics/phase_sample.h"
+
+/* Of what it began with; walks with less survive by chance in proportion. */
+static const float ROULETTE_SHARE = 0.25f;
+/* How much less a walk tries to leave where there is nothing to be seen outside: it may still come
+ * back into an object. */
+static const float DARK_OUTSIDE = 0.1f;
+
+enum { EVENT_MAX = 1 << 20 }; /* a guard; roulette ends walks long before */
+
+typedef struct Walk {
+    Walker *walker;
+    Vec3 o, d;
+    MediumStack stack;
+    Rgb throughput;
+    float begin;     /* rgb_max of the throughput at the start */
+    uint32_t order;  /* scatterings so far */
+    bool is_its_own; /* false: branches of the camera path go where this one refracts */
+} Walk;
+
+/* The end of a segment. */
+typedef struct Target {
+    float length;
+    bool is_hit;
+    bool is_boundary; /* dielectric, with a crossing */
+    SurfacePoint surface;
+    BoundaryCrossing crossing;
+} Target;
+
+static uint32_t order_limit(const CameraParams *params) {
+    const bool has_world = (params->effects & AMB_EFFECT_WORLD_LIGHT) != 0 &&
+                           (params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0;
+    uint32_t last = has_world ? 1 : 0;
+    if ((params->effects & AMB_EFFECT_DOUBLE_SCATTERING) != 0)
+        last = 2;
+    if ((params->effects & AMB_EFFECT_MULTIPLE_SCATTERING) != 0)
+        last = UINT32_MAX;
+    if (params->order_max > 0 && params->order_max < last)
+        last = params->order_max;
+    return last;
+}
+
+static bool wants_order(const CameraParams *params, uint32_t order) {
+    static const uint32_t bits[CAMERA_ORDER_COUNT] = {
+        AMB_EFFECT_SINGLE_SCATTERING, AMB_EFFECT_DOUBLE_SCATTERING, AMB_EFFECT_MULTIPLE_SCATTERING};
+    const uint32_t index = order < CAMERA_ORDER_COUNT ? order : CAMERA_ORDER_COUNT;
+    return order >= 1 && order <= order_limit(params) && (params->effects & bits[index - 1]) != 0;
+}
+
+bool walk_is_wanted(const CameraParams *params) {
+    const uint32_t last = order_limit(params);
+    return last > 1 || (last == 1 && (params->effects & AMB_EFFECT_WORLD_LIGHT) != 0);
+}
+
+static void add(const Walk *walk, uint32_t order, Rgb radiance) {
+    Rgb *orders = walk->walker->out->orders;
+    const uint32_t index = order < CAMERA_ORDER_COUNT ? order : CAMERA_ORDER_COUNT;
+    orders[index - 1] = rgb_madd(orders[index - 1], walk->throughput, radiance);
+}
+
+static bool wants_surroundings(const Walk *walk) {
+    return (walk->walker->params->effects & AMB_EFFECT_WORLD_LIGHT) != 0 &&
+           wants_order(walk->walker->params, walk->order);
+}
+
+static Target find_target(const Walk *walk) {
+    const AmbScene *scene = walk->walker->scene;
+    Target target = {.is_hit = false};
+    Hit hit;
+    if (!scene_intersect(scene, walk->o, walk->d, INFINITY, &hit)) {
+        target.length = walker_end_of_scene(scene, walk->o);
+        return target;
+    }
+    target.is_hit = true;
+    target.length = hit.t;
+    target.surface = scene_surface(scene, &hit);
+    target.is_boundary = target.surface.material->surface == AMB_SURFACE_DIELECTRIC;
+    if (target.is_boundary)
+        target.crossing = boundary_cross(scene, &walk->stack, &target.surface, walk->d);
+    return target;
+}
+
+/* What a walk may do next, and what each is worth to the picture, about. */
+typedef struct Choice {
+    float scatter, reflect, pass;
+} Choice;
+
+static float weigh(Rgb throughput, Rgb factor) {
+    return rgb_mean(rgb_mul(throughput, factor));
+}
+
+static Choice weigh_boundary(const Walk *walk, const Target *target, Rgb transmittance) {
+    Choice choice = {0, 0, 0};
+    if (!target->is_boundary)
+        return choice;
+    const BoundaryCrossing *crossing = &target->crossing;
+    const SceneMaterial *material = target->surface.material;
+    if (crossing->is_ignored) {
+        choice.pass = weigh(walk->throughput, transmittance);
+        return choice;
+    }
+    const float reflectance = crossing->split.reflectance;
+    if (crossing->can_reflect)
+        choice.reflect =
+            reflectance * weigh(walk->throughput, rgb_mul(transmittance, material->reflect_color));
+    if (crossing->can_refract && walk->is_its_own) {
+        choice.pass = (1.0f - reflectance) * crossing->eta * crossing->eta *
+                      weigh(walk->throughput, rgb_mul(transmittance, material->transmit_color));
+        const AmbScene *scene = walk->walker->scene;
+        const bool is_dark = crossing->beyond.count == 0 && scene->object_count == 1 &&
+                             !(rgb_max(scene->world) > 0.0f && wants_surroundings(walk));
+        if (is_dark)
+            choice.pass *= DARK_OUTSIDE;
+    }
+    return choice;
+}
+
+static Rgb medium_sigma_s(const Medium *medium) {
+    Rgb sum = rgb(0, 0, 0);
+    for (uint32_t l = 0; l < medium->lobe_count; ++l)
+        sum = rgb_add(sum, medium->lobes[l].sigma_s);
+    return sum;
+}
+
+/* 1 - exp(-sigma length), and what of it is scattered. */
+static float collision_share(float throughput, float sigma_s, float sigma_t, float length) {
+    return sigma_t > 0.0f ? throughput * sigma_s / sigma_t * -expm1f(-sigma_t * length) : 0.0f;
+}
+
+/* Distance to a collision inside the segment: a mixture over the channels of what each would take
+ * (one-sample multiple importance sampling with the balance heuristic, [Wilkie14]). The throughput
+ * becomes that just before the scattering, per unit of sigma_s. */
+static void collide(Walk *walk, const Medium *medium, float length) {
+    const Rgb sigma_s = medium_sigma_s(medium);
+    const float s[3] = {sigma_s.r, sigma_s.g, sigma_s.b};
+    const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
+    const float in[3] = {walk->throughput.r, walk->throughput.g, walk->throughput.b};
+    float share[3], sum = 0.0f;
+    for (int c = 0; c < 3; ++c) {
+        share[c] = collision_share(in[c], s[c], sigma_t[c], length);
+        sum += share[c];
+    }
+    int channel = 0;
+    float u = walker_random(walk->walker) * sum;
+    while (channel < 2 && (u >= share[channel] || !(share[channel] > 0.0f))) {
+        u -= share[channel];
+        ++channel;
+    }
+    while (channel > 0 && !(share[channel] > 0.0f))
+        --channel; /* rounding went past the last one */
+    const float inside = -expm1f(-sigma_t[channel] * length);
+    const float t =
+        fminf(-log1pf(-walker_random(walk->walker) * inside) / sigma_t[channel], length);
+    float pdf = 0.0f;
+    for (int c = 0; c < 3; ++c)
+        if (share[c] > 0.0f)
+            pdf +=
+                share[c] / sum * sigma_t[c] * expf(-sigma_t[c] * t) / -expm1f(-sigma_t[c] * length);
+    walk->o = vec3_madd(walk->o, t, walk->d);
+    walk->throughput =
+        rgb_scale(rgb_mul(walk->throughput, medium_transmittance(medium, t)), 1.0f / pdf);
+}
+
+/* A new direction: a mixture of the lobes. */
+static void scatter(Walk *walk, const Medium *medium) {
+    float weight[AMB_PHASE_LOBE_MAX], sum = 0.0f;
+    for (uint32_t l = 0; l < medium->lobe_count; ++l) {
+        weight[l] = weigh(walk->throughput, medium->lobes[l].sigma_s);
+        sum += weight[l];
+    }
+    uint32_t lobe = 0;
+    float u = walker_random(walk->walker) * sum;
+    while (lobe + 1 < medium->lobe_count && u >= weight[lobe])
+        u -= weight[lobe++];
+    const Sample2 s = walker_random2(walk->walker);
+    const float cosine = phase_hg_sample(s.u, medium->lobes[lobe].g);
+    walk->d = phase_direction(walk->d, cosine, s.v);
+    Rgb value = rgb(0, 0, 0);
+    float pdf = 0.0f;
+    for (uint32_t l = 0; l < medium->lobe_count; ++l) {
+        const float p = phase_hg(cosine, medium->lobes[l].g);
+        value = rgb_add(value, rgb_scale(medium->lobes[l].sigma_s, p));
+        pdf += weight[l] / sum * p;
+    }
+    walk->throughput = rgb_scale(rgb_mul(walk->throughput, value), 1.0f / pdf);
+    ++walk->order;
+    walk->is_its_own = true;
+}
+
+static void reflect(Walk *walk, const Target *target, float probability) {
+    const float weight = target->crossing.split.reflectance / probability;
+    walk->throughput =
+        rgb_scale(rgb_mul(walk->throughput, target->surface.material->reflect_color), weight);
+    walk->d = target->crossing.split.reflected;
+    walk->o = scene_leave(&target->surface, walk->d);
+    walk->is_its_own = true;
+}
+
+static void pass(Walk *walk, const Target *target, float probability) {
+    const BoundaryCrossing *crossing = &target->crossing;
+    if (crossing->is_ignored) {
+        walk->throughput = rgb_scale(walk->throughput, 1.0f / probability);
+    } else {
+        /* Radiance grows by n^2 on entering a denser medium; see follow_boundary. */
+        const float weight =
+            (1.0f - crossing->split.reflectance) * crossing->eta * crossing->eta / probability;
+        walk->throughput =
+            rgb_scale(rgb_mul(walk->throughput, target->surface.material->transmit_color), weight);
+        walk->d = crossing->split.refracted;
+        walk->stack = crossing->beyond;
+    }
+    walk->o = scene_leave(&target->surface, walk->d);
+}
+
+static void gather(Walk *walk, float length) {
+    const Walker *walker = walk->walker;
+    if (walker->field == NULL || walk->order == 0 || !wants_order(walker->params, walk->order + 1))
+        return;
+    const FieldSegment segment = {walk->o, walk->d, length, medium_stack_top(&walk->stack)};
+    add(walk, walk->order + 1, field_gather(walker->field, &segment).radiance);
+}
+
+/* One segment and what follows it. False: the walk has ended. */
+static bool step(Walk *walk) {
+    const Walker *walker = walk->walker;
+    const SceneMaterial *material = medium_stack_material(walker->scene, &walk->stack);
+    const Target target = find_target(walk);
+    const float length = target.length;
+    Rgb transmittance = rgb(1, 1, 1);
+    Choice choice = {0, 0, 0};
+    if (material != NULL) {
+        transmittance = medium_transmittance(&material->medium, length);
+        if (medium_scatters(&material->medium)) {
+            gather(walk, length);
+            /* One more is of use if it can be seen from outside, or lit by a gather after it. */
+            const uint32_t next = walk->order + 1;
+            const uint32_t limit = order_limit(walker->params);
+            const bool has_world = (walker->params->effects & AMB_EFFECT_WORLD_LIGHT) != 0;
+            if (next < limit || (next == limit && has_world)) {
+                const Rgb sigma_s = medium_sigma_s(&material->medium);
+                const Rgb sigma_t = material->medium.sigma_t;
+                const Rgb in = walk->throughput;
+                choice.scatter = (collision_share(in.r, sigma_s.r, sigma_t.r, length) +
+                                  collision_share(in.g, sigma_s.g, sigma_t.g, length) +
+                                  collision_share(in.b, sigma_s.b, sigma_t.b, length)) /
+                                 3.0f;
+            }
+        }
+        if (!target.is_hit)
+            ++walker->out->leak_count;
+    }
+    const Choice at_boundary = weigh_boundary(walk, &target, transmittance);
+    choice.reflect = at_boundary.reflect;
+    choice.pass = at_boundary.pass;
+
+    /* Certain where it ends: no need to choose it by chance. */
+    if (wants_surroundings(walk)) {
+        if (!target.is_hit && material == NULL)
+            add(walk, walk->order, walker->scene->world);
+        if (target.is_hit && !target.is_boundary) {
+            const Rgb seen = shade_diffuse(walk->walker, &target.surface, walk->d, &walk->stack);
+            add(walk, walk->order, rgb_mul(transmittance, seen));
+        }
+    }
+    const float sum = choice.scatter + choice.reflect + choice.pass;
+    if (!(sum > 0.0f))
+        return false;
+    const float u = walker_random(walk->walker) * sum;
+    if (u < choice.scatter) {
+        collide(walk, &material->medium, length);
+        walk->throughput = rgb_scale(walk->throughput, sum / choice.scatter);
+        scatter(walk, &material->medium);
+        return true;
+    }
+    walk->throughput = rgb_mul(walk->throughput, transmittance);
+    if (choice.reflect > 0.0f && (u < choice.scatter + choice.reflect || !(choice.pass > 0.0f)))
+        reflect(walk, &target, choice.reflect / sum);
+    else if (choice.pass > 0.0f)
+        pass(walk, &target, choice.pass / sum);
+    else
+        return false; /* rounding: u is at the very end of choice.scatter, the only one */
+    return true;
+}
+
+static bool survives(Walk *walk) {
+    const float share = rgb_max(walk->throughput) / walk->begin;
+    if (share >= ROULETTE_SHARE)
+        return true;
+    const float survival = share / ROULETTE_SHARE;
+    if (!(walker_random(walk->walker) < survival))
+        return false;
+    walk->throughput = rgb_scale(walk->throughput, 1.0f / survival);
+    return true;
+}
+
+void walk_scatter(Walker *walker, Vec3 o, Vec3 d, const MediumStack *stack, Rgb throughput) {
+    Walk walk = {.walker = walker,
+                 .o = o,
+                 .d = d,
+                 .stack = *stack,
+                 .throughput = throughput,
+                 .begin = rgb_max(throughput)};
+    if (!(walk.begin > 0.0f))
+        return;
+    for (int event = 0; event < EVENT_MAX; ++event) {
+        if (walker->params->job != NULL && job_is_cancelled(walker->params->job))
+            return;
+        if (!step(&walk) || !survives(&walk))
+            return;
+    }
+}

@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Light of two and more scatterings, by a random walk from the camera. */
+#ifndef AMB_CAMERA_SCATTER_WALK_H
+#define AMB_CAMERA_SCATTER_WALK_H
+
+#include "camera/walker.h"
+
+/* Whether the effects ask for anything that a walk brings. */
+bool walk_is_wanted(const CameraParams *params);
+
+/* Adds to the sample what scatters inside a medium at least once on the walk's side: light of
+ * lamps that the field gathers along each segment after k scatterings has order k + 1, light of
+ * the world and of lit opaque surfaces that the walk meets after k of them has order k.
+ *
+ * o + t d is a stretch of a camera path in the scattering medium of the stack before its first
+ * internal reflection, throughput what the path has there. The walk follows any number of internal
+ * reflections before its first scattering, and everything after it; where the stretch refracts
+ * before anything else the path's own branches go on, and the walk ends. */
+void walk_scatter(Walker *walker, Vec3 o, Vec3 d, const MediumStack *stack, Rgb throughput);
+
+#endif

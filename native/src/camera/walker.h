@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * What all parts of one camera sample share. */
+#ifndef AMB_CAMERA_WALKER_H
+#define AMB_CAMERA_WALKER_H
+
+#include "base/rng.h"
+#include "camera/camera_path.h"
+
+/* Branches with less throughput survive by chance in proportion: unbiased. */
+#define WALKER_ROULETTE_THROUGHPUT 0.01f
+
+typedef struct Walker {
+    const AmbScene *scene;
+    const Field *field; /* NULL: no lamp's light scatters */
+    const CameraParams *params;
+    Rng rng;
+    uint32_t dimension; /* next unused random number */
+    CameraSample *out;
+} Walker;
+
+static inline float walker_random(Walker *walker) {
+    return rng_float(walker->rng, walker->dimension++);
+}
+
+static inline Sample2 walker_random2(Walker *walker) {
+    const float u = walker_random(walker);
+    return (Sample2){u, walker_random(walker)};
+}
+
+static inline Rgb rgb_madd(Rgb a, Rgb b, Rgb c) {
+    return rgb_add(a, rgb_mul(b, c));
+}
+
+/* Length of a segment that meets nothing: through a hole in the mesh the medium would go on for
+ * ever; it ends where the scene does. */
+static inline float walker_end_of_scene(const AmbScene *scene, Vec3 p) {
+    return scene->radius + vec3_length(vec3_sub(p, scene->center));
+}
+
+#endif
