@@ -152,7 +152,7 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
             _wanted.append(Exported(data, settings, frame, messages))
             self.end_result(self.begin_result(0, 0, frame.width, frame.height, layer=layer))
             return
-        params = render_params(settings, frame, messages)
+        params = render_params(settings, frame)
         with RenderJob(loaded, data, params) as job:
             del data  # The library has its own copy.
             if not job.run(_Poll(self, job, scene, layer), self.is_enough):

@@ -38,7 +38,7 @@ def cost_request(scene: Any, exported: Exported, name: str, folder: Path) -> Req
     width, height = image_size((frame.width, frame.height), wanted.size, reference)
     frame = replace(frame, width=width, height=height, crop=None)
     settings = replace(exported.settings, samples=wanted.samples, accuracy=0.0)
-    params = render_params(settings, frame, exported.messages)
+    params = render_params(settings, frame)
     return Request(
         exported.data,
         name,

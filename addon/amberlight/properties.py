@@ -38,6 +38,10 @@ enum_estimators = (
         "lamps without extent outside of all translucent objects, without light bounces",
     ),
 )
+enum_scatter_estimators = (
+    ("AUTO", "Automatic", "Let the scene decide"),
+    ("WALK", "Random Walk", "Random walks from the camera: noise, but no other error"),
+)
 enum_effects = (
     ("AUTO", "Automatic", "Simulate what the scene shows, and say what was left out and why"),
     ("MANUAL", "Manual", "Choose the effects"),
@@ -109,13 +113,18 @@ class AmberlightSceneSettings(bpy.types.PropertyGroup):
     )
     use_double_scattering: BoolProperty(
         name="Double Scattering",
-        description="Light that scattered twice (not available in this version)",
+        description="Light that scattered twice",
         default=DEFAULT.use_double_scattering,
     )
     use_multiple_scattering: BoolProperty(
         name="Multiple Scattering",
-        description="Light that scattered more often (not available in this version)",
+        description="Light that scattered three times and more",
         default=DEFAULT.use_multiple_scattering,
+    )
+    use_world_light: BoolProperty(
+        name="Light of the Surroundings",
+        description="Light of the world and of lit opaque surfaces that scatters in a medium",
+        default=DEFAULT.use_world_light,
     )
     use_surface_reflection: BoolProperty(
         name="Surface Reflection",
@@ -156,6 +165,25 @@ class AmberlightSceneSettings(bpy.types.PropertyGroup):
         description="Other random numbers; the same seed gives the same image",
         min=0,
         default=DEFAULT.seed,
+    )
+    scatter_estimator: EnumProperty(
+        name="Later Orders",
+        description="How light that scattered twice and more is found",
+        items=enum_scatter_estimators,
+        default=DEFAULT.scatter_estimator,
+    )
+    scatter_order_max: IntProperty(
+        name="Most Scatterings",
+        description="Light that scattered more often is left out; 0 = no limit",
+        min=0,
+        soft_max=64,
+        default=DEFAULT.scatter_order_max,
+    )
+    memory_limit: IntProperty(
+        name="Memory Limit",
+        description="MiB that a render may use; 0 = half of the machine's memory",
+        min=0,
+        default=DEFAULT.memory_limit,
     )
     report_path: StringProperty(
         name="Report",

@@ -11,7 +11,6 @@ from .binding import _ffi
 from .binding.errors import AmbCancelled
 from .binding.handles import Progress, Render, Scene
 from .binding.library import Library
-from .export.export_log import ExportLog
 from .export.scene_data import SceneData
 from .export.upload import upload
 
@@ -23,19 +22,20 @@ ESTIMATORS = {
     "SPECULAR": _ffi.AMB_ESTIMATOR_SPECULAR,
 }
 
-# setting: (bit, exists in this version)
 EFFECTS = {
-    "use_single_scattering": (_ffi.AMB_EFFECT_SINGLE_SCATTERING, True),
-    "use_double_scattering": (_ffi.AMB_EFFECT_DOUBLE_SCATTERING, True),
-    "use_multiple_scattering": (_ffi.AMB_EFFECT_MULTIPLE_SCATTERING, True),
-    "use_surface_reflection": (_ffi.AMB_EFFECT_SURFACE_REFLECTION, True),
-    "use_background": (_ffi.AMB_EFFECT_BACKGROUND, True),
-    "use_transmitted_light": (_ffi.AMB_EFFECT_TRANSMITTED_LIGHT, True),
+    "use_single_scattering": _ffi.AMB_EFFECT_SINGLE_SCATTERING,
+    "use_double_scattering": _ffi.AMB_EFFECT_DOUBLE_SCATTERING,
+    "use_multiple_scattering": _ffi.AMB_EFFECT_MULTIPLE_SCATTERING,
+    "use_world_light": _ffi.AMB_EFFECT_WORLD_LIGHT,
+    "use_surface_reflection": _ffi.AMB_EFFECT_SURFACE_REFLECTION,
+    "use_background": _ffi.AMB_EFFECT_BACKGROUND,
+    "use_transmitted_light": _ffi.AMB_EFFECT_TRANSMITTED_LIGHT,
 }
-MISSING_SETTINGS = {
-    "use_double_scattering": "double scattering",
-    "use_multiple_scattering": "multiple scattering",
+SCATTER_ESTIMATORS = {
+    "AUTO": _ffi.AMB_SCATTER_AUTO,
+    "WALK": _ffi.AMB_SCATTER_WALK,
 }
+MIB = 1 << 20
 
 # Seconds between looks at a running render: well inside the 0.2 s that a cancel may take.
 POLL_SECONDS = 0.05
@@ -55,6 +55,7 @@ class Settings:
     use_single_scattering: bool = True
     use_double_scattering: bool = False
     use_multiple_scattering: bool = False
+    use_world_light: bool = False
     use_surface_reflection: bool = True
     use_background: bool = True
     use_transmitted_light: bool = True
@@ -62,6 +63,9 @@ class Settings:
     camera_bounces: int = 0
     adjoint_normals: bool = True
     seed: int = 0
+    scatter_estimator: str = "AUTO"
+    scatter_order_max: int = 0
+    memory_limit: int = 0
 
     def limited(self, samples: int, light_samples: int) -> Settings:
         """With at most these budgets, and no target beyond them: for previews."""
@@ -85,26 +89,16 @@ class Frame:
 
 
 def effect_bits(settings: Settings) -> int:
-    """AUTO allows all that this version knows; the library decides what the scene is worth."""
+    """AUTO allows all; the library decides what the scene is worth."""
     bits = 0
-    for name, (bit, exists) in EFFECTS.items():
-        if exists and (settings.effects == "AUTO" or getattr(settings, name)):
+    for name, bit in EFFECTS.items():
+        if settings.effects == "AUTO" or getattr(settings, name):
             bits |= bit
     return bits
 
 
-def ignored_settings(settings: Settings) -> list[str]:
-    """What is switched on but does not exist yet, in words."""
-    names = []
-    if settings.effects == "MANUAL":
-        names = [n for n, (_, exists) in EFFECTS.items() if not exists and getattr(settings, n)]
-    return [MISSING_SETTINGS[name] for name in names]
-
-
-def render_params(settings: Settings, frame: Frame, log: ExportLog) -> dict[str, Any]:
+def render_params(settings: Settings, frame: Frame) -> dict[str, Any]:
     """Members of AmbRenderParams."""
-    for name in ignored_settings(settings):
-        log.warn("", f"{name} is not available in this version, ignored")
     crop = frame.crop or (0, 0, 0, 0)
     return {
         "width": frame.width,
@@ -126,6 +120,10 @@ def render_params(settings: Settings, frame: Frame, log: ExportLog) -> dict[str,
         "film_transparent": int(frame.film_transparent),
         "tube_refinement": settings.tube_refinement,
         "accuracy": settings.accuracy,
+        "scatter_estimator": SCATTER_ESTIMATORS[settings.scatter_estimator],
+        "scatter_order_max": settings.scatter_order_max,
+        "effects_are_auto": int(settings.effects == "AUTO"),
+        "memory_limit": settings.memory_limit * MIB,
     }
 
 

@@ -9,8 +9,7 @@ import bpy
 
 from . import report as reports
 from .passes import PASSES
-from .properties import read_settings
-from .render_job import EFFECTS, ignored_settings
+from .render_job import EFFECTS
 
 ENGINE = "AMBERLIGHT"
 
@@ -102,7 +101,8 @@ class AMBERLIGHT_RENDER_PT_effects(_Panel, bpy.types.Panel):
         col.separator()
         col.prop(settings, "light_bounces")
         col.prop(settings, "camera_bounces")
-        warn_of_ignored(col, context.scene, {"double scattering", "multiple scattering"})
+        col.prop(settings, "scatter_estimator")
+        col.prop(settings, "scatter_order_max")
 
 
 class AMBERLIGHT_RENDER_PT_film(_Panel, bpy.types.Panel):
@@ -146,13 +146,6 @@ class AMBERLIGHT_RENDER_PT_last(_Panel, bpy.types.Panel):
             col.label(text=line, icon="ERROR")
         for line in summary.lines:
             col.label(text=line)
-
-
-def warn_of_ignored(layout: Any, scene: Any, names: set[str]) -> None:
-    for name in ignored_settings(read_settings(scene)):
-        if name in names:
-            text = f"{name.capitalize()} is not available in this version"
-            layout.label(text=text, icon="ERROR")
 
 
 # ---- Light, world, material, view layer ----------------------------------------------------------

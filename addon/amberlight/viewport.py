@@ -74,7 +74,7 @@ class Viewport:
         settings = read_settings(depsgraph.scene).limited(SAMPLES, LIGHT_SAMPLES)
         frame = Frame(context.region.width, context.region.height)
         data.camera = read_view(context)
-        params = render_params(settings, frame, ExportLog())
+        params = render_params(settings, frame)
         self.job = RenderJob(library.load(), data, params)
 
 

@@ -345,8 +345,7 @@ static void bad_parameters_are_refused(void) {
     PARAMS_FAIL(p.tube_refinement = 5, AMB_INVALID_ARGUMENT, "tube_refinement");
     PARAMS_FAIL(p.estimator = AMB_ESTIMATOR_SPECULAR + 1, AMB_UNSUPPORTED, "estimator");
     PARAMS_FAIL(p.estimator = 99, AMB_UNSUPPORTED, "estimator");
-    PARAMS_FAIL(p.effects = AMB_EFFECT_DOUBLE_SCATTERING, AMB_UNSUPPORTED, "double");
-    PARAMS_FAIL(p.effects = AMB_EFFECT_MULTIPLE_SCATTERING, AMB_UNSUPPORTED, "multiple");
+    PARAMS_FAIL(p.scatter_estimator = 99, AMB_INVALID_ARGUMENT, "scatter_estimator");
 #undef PARAMS_FAIL
 
     /* A committed scene is frozen. */

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from amberlight.binding import _ffi, errors
 from amberlight.binding.handles import Render, Scene
-from amberlight.export.export_log import ExportLog
 from amberlight.export.scene_data import (
     IDENTITY,
     CameraData,
@@ -45,9 +44,7 @@ def committed(library):
 
 
 def params(settings=None, **frame):
-    return render_params(
-        settings or Settings(), Frame(**{"width": 8, "height": 4, **frame}), ExportLog()
-    )
+    return render_params(settings or Settings(), Frame(**{"width": 8, "height": 4, **frame}))
 
 
 def test_close_twice(fake):

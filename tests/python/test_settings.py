@@ -6,47 +6,42 @@ from amberlight import report as reports
 from amberlight.binding import _ffi
 from amberlight.export.export_log import ExportLog
 from amberlight.passes import PASSES
-from amberlight.render_job import Frame, Settings, ignored_settings, render_params
+from amberlight.render_job import Frame, Settings, render_params
 
 SINGLE = _ffi.AMB_EFFECT_SINGLE_SCATTERING
+DOUBLE = _ffi.AMB_EFFECT_DOUBLE_SCATTERING
+MULTIPLE = _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
+WORLD = _ffi.AMB_EFFECT_WORLD_LIGHT
 SURFACE = _ffi.AMB_EFFECT_SURFACE_REFLECTION
 BACKGROUND = _ffi.AMB_EFFECT_BACKGROUND
 TRANSMITTED = _ffi.AMB_EFFECT_TRANSMITTED_LIGHT
 
 
 def effects(**settings):
-    log = ExportLog()
-    params = render_params(Settings(**settings), Frame(4, 4), log)
-    return params["effects"], log.lines()
+    return render_params(Settings(**settings), Frame(4, 4))["effects"]
 
 
 def test_params_are_fields_of_the_struct():
     names = {field[0] for field in _ffi.AmbRenderParams._fields_}
-    params = render_params(Settings(accuracy=0.25), Frame(4, 4), ExportLog())
+    params = render_params(Settings(accuracy=0.25), Frame(4, 4))
     assert set(params) == names - {"struct_size", "reserved"}
     assert params["accuracy"] == 0.25
 
 
 def test_automatic_effects():
-    assert effects() == (SINGLE | SURFACE | BACKGROUND | TRANSMITTED, [])
+    everything = SINGLE | DOUBLE | MULTIPLE | WORLD | SURFACE | BACKGROUND | TRANSMITTED
+    assert effects() == everything
     # The booleans count only when the user chooses.
-    assert effects(use_background=False, use_double_scattering=True)[1] == []
+    assert effects(use_background=False) == everything
+    assert render_params(Settings(), Frame(4, 4))["effects_are_auto"] == 1
 
 
 def test_manual_effects():
-    assert effects(effects="MANUAL", use_background=False)[0] == SINGLE | SURFACE | TRANSMITTED
-    bits, lines = effects(
-        effects="MANUAL", use_double_scattering=True, use_multiple_scattering=True
-    )
-    assert bits == SINGLE | SURFACE | BACKGROUND | TRANSMITTED
-    assert lines == [
-        "double scattering is not available in this version, ignored",
-        "multiple scattering is not available in this version, ignored",
-    ]
-
-
-def test_defaults_ignore_nothing():
-    assert ignored_settings(Settings()) == []
+    assert effects(effects="MANUAL", use_background=False) == SINGLE | SURFACE | TRANSMITTED
+    bits = effects(effects="MANUAL", use_double_scattering=True)
+    assert bits == SINGLE | DOUBLE | SURFACE | BACKGROUND | TRANSMITTED
+    params = render_params(Settings(effects="MANUAL", memory_limit=3), Frame(4, 4))
+    assert (params["effects_are_auto"], params["memory_limit"]) == (0, 3 << 20)
 
 
 def test_preview_budget():

@@ -269,10 +269,10 @@ enum {
     AMB_EFFECT_BACKGROUND = 1 << 4,        /* what is seen through a refractive object */
     AMB_EFFECT_TRANSMITTED_LIGHT = 1 << 5, /* light that passes one refractive object and then
                                             * enters another, or the same again */
-    AMB_EFFECT_CAUSTICS = 1 << 6,            /* light that passes refractive objects or is
-                                              * reflected by them onto opaque surfaces */
-    AMB_EFFECT_WORLD_LIGHT = 1 << 7,         /* light of the world and of lit opaque surfaces that
-                                              * scatters in media */
+    AMB_EFFECT_CAUSTICS = 1 << 6,          /* light that passes refractive objects or is
+                                            * reflected by them onto opaque surfaces */
+    AMB_EFFECT_WORLD_LIGHT = 1 << 7,       /* light of the world and of lit opaque surfaces that
+                                            * scatters in media */
 };
 
 /* How light that scattered twice and more is found. */
@@ -299,15 +299,15 @@ typedef struct AmbRenderParams {
     uint32_t camera_bounces;  /* internal reflections followed on the camera side */
     uint32_t adjoint_normals; /* 1: Veach's adjoint factor c_adj on light-side crossings */
     uint32_t seed;
-    uint32_t threads;          /* 0 = one for each processor */
-    uint32_t film_transparent; /* 1: the world seen directly has alpha 0 and no radiance */
-    uint32_t tube_refinement;  /* TUBES: each triangle is halved so many times along its edges,
-                                * 0, 1, 2 .. 4 = 1, 4, 16 .. 256 tubes and more where it must */
-    float accuracy;            /* > 0: target of the relative error of the picture (rel_rmse of
-                                * docs/accuracy.md). samples has then no effect; tube_refinement is
-                                * where the search for fine enough tubes begins; that for volume
-                                * samples goes from a 64th of light_samples to 16 times as many.
-                                * 0: fixed budgets */
+    uint32_t threads;           /* 0 = one for each processor */
+    uint32_t film_transparent;  /* 1: the world seen directly has alpha 0 and no radiance */
+    uint32_t tube_refinement;   /* TUBES: each triangle is halved so many times along its edges,
+                                 * 0, 1, 2 .. 4 = 1, 4, 16 .. 256 tubes and more where it must */
+    float accuracy;             /* > 0: target of the relative error of the picture (rel_rmse of
+                                 * docs/accuracy.md). samples has then no effect; tube_refinement is
+                                 * where the search for fine enough tubes begins; that for volume
+                                 * samples goes from a 64th of light_samples to 16 times as many.
+                                 * 0: fixed budgets */
     uint32_t scatter_estimator; /* AMB_SCATTER_* */
     uint32_t scatter_order_max; /* scatterings after which light is left out; 0: no limit */
     uint32_t effects_are_auto;  /* 1: of the effects named those that would not show are left out;
@@ -357,10 +357,11 @@ AMB_API AmbStatus amb_render_wait(AmbRender *render, double timeout, int32_t *ou
 /* Passes: "Combined" (RGBA, alpha premultiplied), "Depth" (1: distance along the view axis, m;
  * 1e10 where nothing is seen), "Single Scattering", "Double Scattering", "Multiple
  * Scattering" (RGB; light that scattered once, twice, more often in media), "Surface" (RGB;
- * everything that did not scatter in a medium), "Frequency" (1: mean frequency factor of the gathered samples, [0,1]),
- * "Error" (1: standard error of Combined RGB as the render states it, mean of channels, W m^-2
- * sr^-1; under a target accuracy of noise and light field, after each round; else of the noise, at
- * the end, and 0 with one sample). Combined RGB = the sum of the three of scattering and Surface. */
+ * everything that did not scatter in a medium), "Frequency" (1: mean frequency factor of the
+ * gathered samples, [0,1]), "Error" (1: standard error of Combined RGB as the render states it,
+ * mean of channels, W m^-2 sr^-1; under a target accuracy of noise and light field, after each
+ * round; else of the noise, at the end, and 0 with one sample). Combined RGB = the sum of the three
+ * of scattering and Surface. */
 AMB_API AmbStatus amb_render_pass_channels(AmbRender *render, const char *name,
                                            uint32_t *out_channels);
 

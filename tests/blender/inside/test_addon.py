@@ -6,16 +6,17 @@ from ctypes import byref
 import addon_utils
 import bpy
 from amberlight.binding import _ffi, library
-from amberlight.export.export_log import ExportLog
 from amberlight.render_job import Frame, Settings, render_params
 
 SETTINGS = {
     "estimator": "AUTO", "samples": 16, "accuracy": 0.0, "light_samples": 1_000_000,
     "kernel_size": 4.0, "tube_refinement": 0, "effects": "AUTO", "use_single_scattering": True,
     "use_double_scattering": False, "use_multiple_scattering": False,
-    "use_surface_reflection": True, "use_background": True,
+    "use_world_light": False, "use_surface_reflection": True, "use_background": True,
     "use_transmitted_light": True, "light_bounces": 0,
-    "camera_bounces": 0, "adjoint_normals": True, "seed": 0, "report_path": "", "exr_path": "",
+    "camera_bounces": 0, "adjoint_normals": True, "seed": 0,
+    "scatter_estimator": "AUTO", "scatter_order_max": 0, "memory_limit": 0,
+    "report_path": "", "exr_path": "",
 }  # fmt: skip
 
 
@@ -48,7 +49,7 @@ def test_settings(scene):
 def test_defaults_are_the_librarys(real_library):
     params = _ffi.AmbRenderParams()
     library.load().amb_render_params_init(byref(params))
-    for name, value in render_params(Settings(), Frame(0, 0), ExportLog()).items():
+    for name, value in render_params(Settings(effects="MANUAL"), Frame(0, 0)).items():
         if name not in {"width", "height"}:
             assert getattr(params, name) == value, name
 

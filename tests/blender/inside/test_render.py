@@ -24,12 +24,15 @@ def grid(width=12, height=8, x=0, y=0):
     return (np.arange(x, x + width) + 1000.0 * np.arange(y, y + height)[:, None]).astype(np.float32)
 
 
+COLOURS = ("Single Scattering", "Double Scattering", "Multiple Scattering", "Surface")
+
+
 def test_pixels_land_in_their_places(small, fake_library, render_to):
     small.view_layers[0].use_pass_z = True
     channels = render_to()
     names = {
         **{f"Combined.{c}": 1 for c in "RGBA"},
-        **{f"{name}.{c}": 1 for name in ("Single Scattering", "Surface") for c in "RGB"},
+        **{f"{name}.{c}": 1 for name in COLOURS for c in "RGB"},
         "Depth.Z": 1,
         "Frequency.X": 1,
         "Error.X": 1,
@@ -90,18 +93,6 @@ def test_unwritable_report(small, fake_library):
     small.amberlight.report_path = "/proc/none/report.json"
     with pytest.raises(RuntimeError, match="not written"):
         bpy.ops.render.render()
-
-
-@pytest.mark.parametrize("setting", ["use_double_scattering", "use_multiple_scattering"])
-def test_missing_effects_are_named(small, fake_library, setting, capfd):
-    from amberlight import report
-
-    small.amberlight.effects = "MANUAL"
-    setattr(small.amberlight, setting, True)
-    assert bpy.ops.render.render() == {"FINISHED"}
-    summary = report.LAST[small.name]
-    assert any("not available in this version, ignored" in line for line in summary.warnings)
-    assert 'mesh "A" is open (2 times)' in summary.warnings
 
 
 def test_unavailable_estimator(small, fake_library):
@@ -199,11 +190,10 @@ def stop_after(seconds, export):
     """A render without end that is stopped: (its engine, seconds from the stop to the end)."""
     from amberlight import engine, render_job
     from amberlight.binding import library
-    from amberlight.export.export_log import ExportLog
 
     data, _ = export(with_camera=True)
     settings = render_job.Settings(samples=100_000, light_samples=100_000)
-    params = render_job.render_params(settings, render_job.Frame(256, 256), ExportLog())
+    params = render_job.render_params(settings, render_job.Frame(256, 256))
     fake = FakeEngine(seconds)
     with render_job.RenderJob(library.load(), data, params) as job:
         assert not job.run(engine._Poll(fake, job, bpy.context.scene, "ViewLayer"))
@@ -237,7 +227,8 @@ def test_pictures_on_the_way(small, fake_library, monkeypatch, render_to):
     channels = render_to()
     # Depth is not switched on.
     assert shown[0] == "Combined" and sorted(shown[1:]) == [
-        "Combined", "Error", "Frequency", "Single Scattering", "Surface",
+        "Combined", "Double Scattering", "Error", "Frequency", "Multiple Scattering",
+        "Single Scattering", "Surface",
     ]  # fmt: skip
     for name in ("Combined.R", "Surface.B", "Frequency.X"):
         assert np.array_equal(channels[f"ViewLayer.{name}"], grid()), name
@@ -287,10 +278,7 @@ def ball(small):
 
 def check(channels):
     image = np.stack([channels[f"ViewLayer.Combined.{c}"] for c in "RGB"])
-    parts = [
-        np.stack([channels[f"ViewLayer.{name}.{c}"] for c in "RGB"])
-        for name in ("Single Scattering", "Surface")
-    ]
+    parts = [np.stack([channels[f"ViewLayer.{name}.{c}"] for c in "RGB"]) for name in COLOURS]
     assert np.isfinite(image).all() and image.max() > 0
     assert np.allclose(image, sum(parts), rtol=1e-4, atol=1e-6)
     return image, parts
