@@ -32,7 +32,8 @@ from api import LIBRARY, BuildScene, Image, errors  # noqa: E402
 
 LEVELS = (5, 6, 7, 8)  # 20k, 82k, 328k and 1.3M triangles
 REPEATS = 3
-KERNELS = (0.25, 0.5, 1.0, 2.0, 4.0)
+KERNELS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0)
+HOPELESS = 1.5  # a kernel with that many times the error of the best is not tried with more samples
 TARGETS = (0.04, 0.02)  # rel_rmse
 VIEW_TARGET = 0.08  # floored_rel
 RAYS_TARGET = 0.01  # rel_rmse
@@ -87,12 +88,16 @@ class View:
         """For each kernel, budgets up to the first with which some kernel reaches the target:
         more samples cost more with any kernel."""
         curves: dict[float, list[Row]] = {kernel: [] for kernel in KERNELS}
+        hopeful = set(KERNELS)
         for log2 in range(FIRST_LOG2, last_log2 + 1):
-            for kernel, rows in curves.items():
+            for kernel in sorted(hopeful):
                 setting = f"2^{log2}, C_k {kernel:g}"
-                rows.append(self.measure(estimator, setting, 2**log2, kernel))
-            if any(getattr(rows[-1], error) <= target for rows in curves.values()):
+                curves[kernel].append(self.measure(estimator, setting, 2**log2, kernel))
+            found = {kernel: getattr(curves[kernel][-1], error) for kernel in hopeful}
+            best = min(found.values())
+            if best <= target:
                 break
+            hopeful = {kernel for kernel in hopeful if found[kernel] <= HOPELESS * best}
         return curves
 
     def specular(self) -> Row | None:

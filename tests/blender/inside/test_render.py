@@ -107,9 +107,9 @@ def test_threads_and_film_reach_the_library(small, fake_library, monkeypatch):
     seen = []
     real = engine.render_params
 
-    def spy(settings, frame, log):
+    def spy(settings, frame):
         seen.append(frame)
-        return real(settings, frame, log)
+        return real(settings, frame)
 
     monkeypatch.setattr(engine, "render_params", spy)
     small.render.threads_mode, small.render.threads = "FIXED", 2
@@ -285,7 +285,7 @@ def check(channels):
 
 
 def test_ball(ball, real_library, render_to):
-    _, (single, surface) = check(render_to())
+    _, (single, *_, surface) = check(render_to())
     # The medium glows in the middle, and only inside of the ball.
     assert single[:, 12, 12].min() > 0 and surface.max() > 0
     assert not single[:, 12, 0].any()
@@ -293,7 +293,7 @@ def test_ball(ball, real_library, render_to):
 
 def test_ball_orthographic(ball, real_library, render_to):
     ball.camera.data.type, ball.camera.data.ortho_scale = "ORTHO", 4
-    _, (single, _) = check(render_to())
+    _, (single, *_) = check(render_to())
     # The ball covers the middle half of the image.
     assert single[:, 12, 7:17].min() > 0 and not single[:, 12, :5].any()
 
