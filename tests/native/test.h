@@ -32,6 +32,9 @@ static inline double test_worse(double worst, double error) {
     return isnan(worst) || worst >= error ? worst : error;
 }
 
+/* Whether AMB_TEST_LONG is set in the environment: more of the same, for minutes. */
+bool test_is_long(void);
+
 /* Runs a static void function of this file; its name is printed before its first failure. */
 #define RUN(function) test_run(#function, function)
 void test_run(const char *name, void (*function)(void));

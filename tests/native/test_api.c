@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * The public interface: what it refuses and how, whole renders, cancelling, failing memory, files.
- * Sees the public header alone, but for the switch that makes memory fail. */
+ * The public interface: what it refuses and how, whole renders, cancelling, files. */
 #include <OpenEXR/openexr.h>
 #include <errno.h>
 #include <stddef.h>
@@ -10,7 +9,6 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "base/memory.h"
 #include "demo.h"
 #include "test.h"
 
@@ -818,58 +816,7 @@ static void cancel_takes_a_fifth_of_a_second(void) {
     demo_free(&demo);
 }
 
-/* ---- Memory ---------------------------------------------------------------------------------- */
-
-#define STEP(call)                                                                                 \
-    do {                                                                                           \
-        status = (call);                                                                           \
-        if (status != AMB_OK)                                                                      \
-            goto done;                                                                             \
-    } while (0)
-
-/* Everything a caller does, until something fails. */
-static AmbStatus whole_cycle(const Demo *demo, const char *path) {
-    static const uint32_t slots[2] = {0, 0};
-    static float pixels[16 * 16 * 4];
-    AmbScene *scene = NULL;
-    AmbRender *render = NULL;
-    AmbStatus status;
-    uint32_t id;
-    int32_t is_ended;
-    Shape plane = shape_plane();
-    AmbMesh hero = shape_mesh(&demo->shape, "hero", true);
-    AmbMesh ground = shape_mesh(&plane, "ground", false);
-    ground.slots = slots;
-    AmbMaterial diffuse;
-    amb_material_init(&diffuse);
-    AmbObject object;
-    amb_object_init(&object);
-    object.material_count = 1;
-    object.materials = slots;
-    STEP(amb_scene_create(&scene));
-    STEP(amb_scene_add_material(scene, &demo->material, &id));
-    STEP(amb_scene_add_material(scene, &diffuse, &id));
-    STEP(amb_scene_add_mesh(scene, &hero, &id));
-    STEP(amb_scene_add_mesh(scene, &ground, &id));
-    STEP(amb_scene_add_object(scene, &object, &id));
-    object.mesh = 1;
-    object.to_world[11] = -2.0f;
-    STEP(amb_scene_add_object(scene, &object, &id));
-    STEP(amb_scene_add_light(scene, &demo->light, &id));
-    STEP(amb_scene_set_world(scene, demo->world));
-    STEP(amb_scene_set_camera(scene, &demo->camera));
-    STEP(amb_scene_commit(scene));
-    STEP(amb_render_start(scene, &demo->params, &render));
-    STEP(amb_render_wait(render, -1.0, &is_ended));
-    STEP(amb_render_read_pass(render, "Combined", pixels, 1024));
-    STEP(amb_render_write_exr(render, path, "Layer"));
-done:
-    amb_render_destroy(render);
-    amb_scene_destroy(scene);
-    shape_free(&plane);
-    return status;
-}
-#undef STEP
+/* ---- Files and reports ----------------------------------------------------------------------- */
 
 static bool file_exists(const char *path) {
     return access(path, F_OK) == 0;
@@ -878,46 +825,6 @@ static bool file_exists(const char *path) {
 static void temporary_path(char out[64], const char *name) {
     snprintf(out, 64, "/tmp/amb_test_%ld_%s", (long)getpid(), name);
 }
-
-static void memory_failing_anywhere_is_an_error(void) {
-    Demo demo = demo_create();
-    char path[64], part[80];
-    temporary_path(path, "memory.exr");
-    snprintf(part, sizeof part, "%s.part", path);
-    demo.params.light_samples = 40000; /* several chunks of light rays */
-    for (uint32_t run = 0; run < 3; ++run) {
-        demo.params.threads = 1 + run % 2;
-        /* At last under a target, of points: what builds most. */
-        demo.params.accuracy = run == 2 ? 0.5f : 0.0f;
-        demo.params.estimator = run == 2 ? AMB_ESTIMATOR_POINTS_COVARIANCE : AMB_ESTIMATOR_AUTO;
-        int n = 0, successes = 0;
-        for (; successes < 5 && n < 1000; ++n) {
-            remove(path);
-            memory_fail_after(n);
-            const AmbStatus status = whole_cycle(&demo, path);
-            memory_fail_after(-1);
-            if (status == AMB_OK) {
-                ++successes;
-                ENSURE(file_exists(path));
-                continue;
-            }
-            /* Once one allocation less than all have been reached, none may fail. */
-            ENSURE(successes == 0);
-            AmbErrorInfo info;
-            amb_last_error(&info);
-            test_check(status == AMB_OUT_OF_MEMORY && info.status == status, __FILE__, __LINE__,
-                       "allocation %d: %s", n, amb_status_name(status));
-            test_check(strstr(info.message, "memory") != NULL, __FILE__, __LINE__,
-                       "allocation %d: %s: %s", n, info.function, info.message);
-            ENSURE(!file_exists(path) && !file_exists(part));
-        }
-        ENSURE(n > 40 && successes == 5);
-    }
-    remove(path);
-    demo_free(&demo);
-}
-
-/* ---- Files and reports ----------------------------------------------------------------------- */
 
 /* Skips one JSON value; NULL where there is none. */
 static const char *skip_json(const char *p);
@@ -1164,7 +1071,6 @@ void test_api(void) {
     RUN(two_renders_of_one_scene);
     RUN(film_can_be_transparent);
     RUN(cancel_takes_a_fifth_of_a_second);
-    RUN(memory_failing_anywhere_is_an_error);
     RUN(file_reads_back);
     RUN(file_that_cannot_be_written_leaves_nothing);
 }

@@ -115,14 +115,14 @@ static void memory_refuses_sizes_that_overflow(void) {
 }
 
 static void memory_fails_on_demand_once(void) {
-    memory_fail_after(2);
+    memory_fail_after(2, 1);
     for (int i = 0; i < 5; ++i) {
         void *pointer = memory_alloc_array(1, 1);
         ENSURE((pointer == NULL) == (i == 2));
         memory_free(pointer);
     }
-    memory_fail_after(0);
-    memory_fail_after(-1);
+    memory_fail_after(0, 1);
+    memory_fail_after(-1, 0);
     void *pointer = memory_alloc_array(1, 1);
     ENSURE(pointer != NULL);
     memory_free(pointer);

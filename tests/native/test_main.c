@@ -4,6 +4,7 @@
 
 #include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 static unsigned long checks, failures;
@@ -30,6 +31,10 @@ double test_uniform(uint64_t *state, double from, double to) {
     return from + (to - from) * ((double)(z >> 11) * 0x1p-53);
 }
 
+bool test_is_long(void) {
+    return getenv("AMB_TEST_LONG") != NULL;
+}
+
 void test_run(const char *name, void (*function)(void)) {
     running = name;
     function();
@@ -39,7 +44,8 @@ void test_run(const char *name, void (*function)(void)) {
 #define MODULE_LIST(X)                                                                             \
     X(accuracy)                                                                                    \
     X(api)                                                                                         \
-    X(bad_input) X(base) X(covariance) X(gather) X(optics) X(scene) X(specular) X(tangent) X(tubes)
+    X(bad_input)                                                                                   \
+    X(base) X(covariance) X(faults) X(gather) X(optics) X(scene) X(specular) X(tangent) X(tubes)
 
 #define DECLARE(name) void test_##name(void);
 MODULE_LIST(DECLARE)

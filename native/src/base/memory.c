@@ -8,16 +8,20 @@
 
 enum { ALIGNMENT = 64 };
 
-static atomic_int_least64_t fail_countdown = -1;
+/* Allocations until the first that fails; from there on it counts those that do. */
+static const int64_t NONE_FAILS = INT64_MIN;
+static atomic_int_least64_t fail_countdown = INT64_MIN;
+static atomic_int_least64_t fail_count;
 
-static int must_fail(void) {
-    if (atomic_load_explicit(&fail_countdown, memory_order_relaxed) < 0)
-        return 0;
-    return atomic_fetch_sub(&fail_countdown, 1) == 0;
+bool memory_must_fail(void) {
+    if (atomic_load_explicit(&fail_countdown, memory_order_relaxed) == NONE_FAILS)
+        return false;
+    const int64_t left = atomic_fetch_sub(&fail_countdown, 1);
+    return left <= 0 && -left < atomic_load(&fail_count);
 }
 
 void *memory_alloc_array(uint64_t count, uint64_t size) {
-    if (must_fail())
+    if (memory_must_fail())
         return NULL;
     if (size != 0 && count > (SIZE_MAX - ALIGNMENT) / size)
         return NULL;
@@ -50,6 +54,7 @@ void memory_free(void *pointer) {
     free(pointer);
 }
 
-void memory_fail_after(int64_t n) {
-    atomic_store(&fail_countdown, n);
+void memory_fail_after(int64_t n, int64_t count) {
+    atomic_store(&fail_count, count);
+    atomic_store(&fail_countdown, n < 0 ? NONE_FAILS : n);
 }

@@ -3,6 +3,7 @@
 #ifndef AMB_BASE_MEMORY_H
 #define AMB_BASE_MEMORY_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -21,7 +22,11 @@ char *memory_copy_text(const char *text);
 
 void memory_free(void *pointer);
 
-/* Tests: the n-th allocation from now on (0 = the next) fails, once; negative: none does. */
-void memory_fail_after(int64_t n);
+/* Counts one allocation that another library makes for us, and whether it has to fail. */
+bool memory_must_fail(void);
+
+/* Tests: the n-th allocation from now on (0 = the next) and those after it, `count` in all, fail;
+ * n negative: none does. */
+void memory_fail_after(int64_t n, int64_t count);
 
 #endif

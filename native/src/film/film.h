@@ -5,6 +5,7 @@
 
 #include <pthread.h>
 #include <stdatomic.h>
+#include <stdbool.h>
 
 #include "base/status.h"
 #include "math/vec3.h"
@@ -70,8 +71,11 @@ extern const FilmPass FILM_PASSES[FILM_PASS_COUNT];
 uint64_t film_bytes(const Film *film);
 
 /* Writes all passes as one scan-line OpenEXR file with 32-bit float channels
- * "layer.Pass.channel" and a string attribute. Written beside path and renamed. */
+ * "layer.Pass.channel" and a string attribute. There is never half a file under path. */
 AmbStatus film_write_exr(Film *film, const char *path, const char *layer,
                          const char *attribute_name, const char *attribute_text);
+
+/* Tests: as on a file system whose files all have names. */
+void film_exr_avoid_nameless(bool is_avoided);
 
 #endif

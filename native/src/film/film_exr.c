@@ -1,11 +1,15 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
  * Films as OpenEXR files: the only file that includes OpenEXR. */
+#define _GNU_SOURCE /* NOLINT(bugprone-reserved-identifier): O_TMPFILE is Linux's */
 #include "film/film.h"
 
 #include <OpenEXR/openexr.h>
 #include <errno.h>
+#include <fcntl.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "base/memory.h"
 
@@ -87,9 +91,8 @@ static exr_encode_pipeline_t new_encoder(void) {
 }
 
 static exr_result_t write_chunks(exr_context_t file, Film *film, const Plane *planes,
-                                 uint32_t plane_count, float *row, float *rows) {
-    int32_t step = 0;
-    exr_result_t result = exr_get_scanlines_per_chunk(file, PART, &step);
+                                 uint32_t plane_count, int32_t step, float *row, float *rows) {
+    exr_result_t result = EXR_ERR_SUCCESS;
     exr_encode_pipeline_t encoder = new_encoder();
     for (int32_t line = 0; line < (int32_t)film->height && result == EXR_ERR_SUCCESS;
          line += step) {
@@ -119,6 +122,10 @@ static exr_result_t write_chunks(exr_context_t file, Film *film, const Plane *pl
     return result;
 }
 
+static void *exr_memory(size_t bytes) {
+    return memory_alloc_array(bytes, 1);
+}
+
 /* Silent: the status carries what went wrong, and Blender's console is not ours. */
 static void on_error(exr_const_context_t file, exr_result_t code, const char *message) {
     (void)file;
@@ -126,55 +133,141 @@ static void on_error(exr_const_context_t file, exr_result_t code, const char *me
     (void)message;
 }
 
-static exr_result_t write_file(Film *film, const char *path, const char *layer,
-                               const char *attribute_name, const char *attribute_text) {
-    Plane planes[PLANE_MAX];
-    const uint32_t plane_count = list_planes(layer, planes);
-    enum { LINES_MAX = 256 }; /* of a chunk, over all compressions of OpenEXR */
+static exr_result_t write_pixels(exr_context_t file, Film *film, const Plane *planes,
+                                 uint32_t plane_count) {
+    int32_t step = 0;
+    exr_result_t result = exr_get_scanlines_per_chunk(file, PART, &step);
+    if (result != EXR_ERR_SUCCESS)
+        return result;
     float *row = memory_alloc_array((uint64_t)film->width * CHANNELS_PER_PASS_MAX, sizeof(float));
     float *rows =
-        memory_alloc_array((uint64_t)film->width * LINES_MAX * plane_count, sizeof(float));
-    exr_result_t result = EXR_ERR_OUT_OF_MEMORY;
-    if (row != NULL && rows != NULL) {
-        exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
-        setup.error_handler_fn = on_error;
-        exr_context_t file = NULL;
-        result = exr_start_write(&file, path, EXR_WRITE_FILE_DIRECTLY, &setup);
-        if (result == EXR_ERR_SUCCESS) {
-            exr_set_longname_support(file, 1);
-            result = write_header(file, film, planes, plane_count, attribute_name, attribute_text);
-            if (result == EXR_ERR_SUCCESS)
-                result = write_chunks(file, film, planes, plane_count, row, rows);
-            const exr_result_t closed = exr_finish(&file);
-            if (result == EXR_ERR_SUCCESS)
-                result = closed;
-        }
-    }
+        memory_alloc_array((uint64_t)film->width * (uint32_t)step * plane_count, sizeof(float));
+    result = EXR_ERR_OUT_OF_MEMORY;
+    if (row != NULL && rows != NULL)
+        result = write_chunks(file, film, planes, plane_count, step, row, rows);
     memory_free(row);
     memory_free(rows);
     return result;
 }
 
+/* ---- Files that have no name until they are whole -------------------------------------------- */
+
+/* Where the file system can do it, the file itself has no name before: a process that is killed
+ * leaves nothing at all. Elsewhere (NFS, FAT) it has a hidden one beside the final name. */
+typedef struct Draft {
+    int descriptor;
+    int error;        /* errno of the first write that failed, or 0 */
+    bool is_nameless; /* so far */
+    char *name;       /* beside the final one; no other writer's */
+} Draft;
+
+static atomic_bool is_nameless_avoided;
+
+void film_exr_avoid_nameless(bool is_avoided) {
+    atomic_store(&is_nameless_avoided, is_avoided);
+}
+
+static AmbStatus draft_open(const char *path, Draft *out) {
+    static atomic_uint count;
+    enum { NAME_ROOM = 64 };
+    const char *slash = strrchr(path, '/');
+    const size_t folder = slash != NULL ? (size_t)(slash - path) + 1 : 0;
+    *out = (Draft){.descriptor = -1, .name = memory_alloc_array(folder + NAME_ROOM, 1)};
+    if (out->name == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory to write \"%.200s\"", path);
+    memcpy(out->name, path, folder);
+    /* Linking needs /proc, which some chroots lack. */
+    if (!atomic_load(&is_nameless_avoided) && access("/proc/self/fd", X_OK) == 0) {
+        memcpy(out->name + folder, ".", 2);
+        out->descriptor = open(out->name, O_TMPFILE | O_WRONLY | O_CLOEXEC, 0666);
+    }
+    out->is_nameless = out->descriptor >= 0;
+    snprintf(out->name + folder, NAME_ROOM, ".amberlight-%ld-%u.part", (long)getpid(),
+             atomic_fetch_add(&count, 1));
+    if (out->descriptor < 0)
+        out->descriptor = open(out->name, O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0666);
+    if (out->descriptor >= 0)
+        return AMB_OK;
+    memory_free(out->name);
+    return status_fail(AMB_IO, "cannot write \"%.180s\": %s", path, strerror(errno));
+}
+
+static int64_t draft_write(exr_const_context_t file, void *user, const void *buffer, uint64_t size,
+                           uint64_t offset, exr_stream_error_func_ptr_t fail) {
+    Draft *draft = user;
+    uint64_t done = 0;
+    while (done < size) {
+        const ssize_t count = pwrite(draft->descriptor, (const char *)buffer + done, size - done,
+                                     (off_t)(offset + done));
+        if (count > 0)
+            done += (uint64_t)count;
+        else if (count == 0 || errno != EINTR) {
+            draft->error = count == 0 ? ENOSPC : errno;
+            fail(file, EXR_ERR_WRITE_IO, "%s", strerror(draft->error));
+            return -1;
+        }
+    }
+    return (int64_t)size;
+}
+
+/* Gives the file its name; 0, or what went wrong. */
+static int draft_name(Draft *draft, const char *path) {
+    /* What the disk has to say, it says now and not when everyone believes in the file. */
+    if (fsync(draft->descriptor) != 0)
+        return errno;
+    if (draft->is_nameless) {
+        char link[64];
+        snprintf(link, sizeof link, "/proc/self/fd/%d", draft->descriptor);
+        if (linkat(AT_FDCWD, link, AT_FDCWD, draft->name, AT_SYMLINK_FOLLOW) != 0)
+            return errno;
+        draft->is_nameless = false;
+    }
+    return rename(draft->name, path) == 0 ? 0 : errno;
+}
+
+static void draft_close(Draft *draft, bool is_named) {
+    close(draft->descriptor);
+    if (!is_named && !draft->is_nameless)
+        remove(draft->name);
+    memory_free(draft->name);
+}
+
+static exr_result_t write_draft(Film *film, Draft *draft, const char *layer,
+                                const char *attribute_name, const char *attribute_text) {
+    Plane planes[PLANE_MAX];
+    const uint32_t plane_count = list_planes(layer, planes);
+    exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
+    setup.error_handler_fn = on_error;
+    setup.alloc_fn = exr_memory;
+    setup.free_fn = memory_free;
+    setup.write_fn = draft_write;
+    setup.user_data = draft;
+    exr_context_t file = NULL;
+    exr_result_t result = exr_start_write(&file, draft->name, EXR_WRITE_FILE_DIRECTLY, &setup);
+    if (result != EXR_ERR_SUCCESS)
+        return result;
+    exr_set_longname_support(file, 1);
+    result = write_header(file, film, planes, plane_count, attribute_name, attribute_text);
+    if (result == EXR_ERR_SUCCESS)
+        result = write_pixels(file, film, planes, plane_count);
+    const exr_result_t closed = exr_finish(&file);
+    return result == EXR_ERR_SUCCESS ? closed : result;
+}
+
 AmbStatus film_write_exr(Film *film, const char *path, const char *layer,
                          const char *attribute_name, const char *attribute_text) {
-    static const char SUFFIX[] = ".part";
-    const size_t length = strlen(path);
-    char *part_path = memory_alloc_array(length + sizeof SUFFIX, 1);
-    if (part_path == NULL)
-        return status_fail(AMB_OUT_OF_MEMORY, "no memory to write \"%s\"", path);
-    memcpy(part_path, path, length);
-    memcpy(part_path + length, SUFFIX, sizeof SUFFIX);
-    const exr_result_t result = write_file(film, part_path, layer, attribute_name, attribute_text);
-    AmbStatus status = AMB_OK;
+    Draft draft;
+    AMB_TRY(draft_open(path, &draft));
+    const exr_result_t result = write_draft(film, &draft, layer, attribute_name, attribute_text);
+    int error = draft.error;
+    if (result == EXR_ERR_SUCCESS && error == 0)
+        error = draft_name(&draft, path);
+    const bool is_named = result == EXR_ERR_SUCCESS && error == 0;
+    draft_close(&draft, is_named);
+    if (is_named)
+        return AMB_OK;
     if (result == EXR_ERR_OUT_OF_MEMORY)
-        status = status_fail(AMB_OUT_OF_MEMORY, "no memory to write \"%s\"", path);
-    else if (result != EXR_ERR_SUCCESS)
-        status = status_fail(AMB_IO, "cannot write \"%s\": %s", path,
-                             exr_get_default_error_message(result));
-    else if (rename(part_path, path) != 0)
-        status = status_fail(AMB_IO, "cannot write \"%s\": %s", path, strerror(errno));
-    if (status != AMB_OK)
-        remove(part_path);
-    memory_free(part_path);
-    return status;
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory to write \"%.200s\"", path);
+    return status_fail(AMB_IO, "cannot write \"%.180s\": %s", path,
+                       error != 0 ? strerror(error) : exr_get_default_error_message(result));
 }

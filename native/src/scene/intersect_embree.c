@@ -21,9 +21,13 @@ struct Intersector {
     atomic_int_least64_t bytes;
 };
 
+/* Embree asks before (or, with post, right after) it takes bytes, and says when it gives them
+ * back; false makes it give up with RTC_ERROR_OUT_OF_MEMORY. */
 static bool on_memory(void *user, ssize_t bytes, bool post) {
     (void)post;
     Intersector *self = user;
+    if (bytes > 0 && memory_must_fail())
+        return false;
     atomic_fetch_add(&self->bytes, (int64_t)bytes);
     return true;
 }
@@ -67,7 +71,8 @@ AmbStatus intersector_create(uint32_t thread_count, Intersector **out_intersecto
     self->scene = rtcNewScene(self->device);
     /* Watertight at shared edges: a path that slips between two triangles of a closed boundary
      * would lose track of the medium that it is in. */
-    rtcSetSceneFlags(self->scene, RTC_SCENE_FLAG_ROBUST);
+    if (self->scene != NULL)
+        rtcSetSceneFlags(self->scene, RTC_SCENE_FLAG_ROBUST);
     const AmbStatus status = check(self->device, "creating a scene");
     if (status != AMB_OK) {
         intersector_destroy(self);
@@ -80,7 +85,8 @@ AmbStatus intersector_create(uint32_t thread_count, Intersector **out_intersecto
 void intersector_destroy(Intersector *self) {
     if (self == NULL)
         return;
-    rtcReleaseScene(self->scene);
+    if (self->scene != NULL)
+        rtcReleaseScene(self->scene);
     rtcReleaseDevice(self->device);
     memory_free(self);
 }
@@ -88,6 +94,8 @@ void intersector_destroy(Intersector *self) {
 AmbStatus intersector_add(Intersector *self, const Vec3 *positions, uint64_t vertex_count,
                           const uint32_t *triangles, uint64_t triangle_count) {
     RTCGeometry geometry = rtcNewGeometry(self->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    if (geometry == NULL)
+        return check(self->device, "adding a mesh");
     rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, positions, 0,
                                sizeof(Vec3), vertex_count);
     rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, triangles, 0,

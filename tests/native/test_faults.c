@@ -1,0 +1,402 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * What can go wrong around a render: memory and disks that end, processes that are killed. Sees
+ * the public header alone, but for the switches that make memory and files fail. */
+#define _GNU_SOURCE
+#include <dirent.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mount.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "base/memory.h"
+#include "demo.h"
+#include "film/film.h"
+#include "test.h"
+
+/* ---- Memory ---------------------------------------------------------------------------------- */
+
+enum { SIDE = 6, FLOATS = SIDE * SIDE * 4 };
+
+#define STEP(call)                                                                                 \
+    do {                                                                                           \
+        status = (call);                                                                           \
+        if (status != AMB_OK)                                                                      \
+            goto done;                                                                             \
+    } while (0)
+
+/* Everything a caller does, until something fails. */
+static AmbStatus whole_cycle(const Demo *demo, const char *path, float out_pixels[FLOATS]) {
+    static const uint32_t slots[2] = {0, 0};
+    AmbScene *scene = NULL;
+    AmbRender *render = NULL;
+    AmbStatus status;
+    uint32_t id;
+    int32_t is_ended;
+    Shape plane = shape_plane();
+    AmbMesh hero = shape_mesh(&demo->shape, "hero", true);
+    AmbMesh ground = shape_mesh(&plane, "ground", false);
+    ground.slots = slots;
+    AmbMaterial diffuse;
+    amb_material_init(&diffuse);
+    AmbObject object;
+    amb_object_init(&object);
+    object.material_count = 1;
+    object.materials = slots;
+    STEP(amb_scene_create(&scene));
+    STEP(amb_scene_add_material(scene, &demo->material, &id));
+    STEP(amb_scene_add_material(scene, &diffuse, &id));
+    STEP(amb_scene_add_mesh(scene, &hero, &id));
+    STEP(amb_scene_add_mesh(scene, &ground, &id));
+    STEP(amb_scene_add_object(scene, &object, &id));
+    object.mesh = 1;
+    object.to_world[11] = -2.0f;
+    STEP(amb_scene_add_object(scene, &object, &id));
+    STEP(amb_scene_add_light(scene, &demo->light, &id));
+    STEP(amb_scene_set_world(scene, demo->world));
+    STEP(amb_scene_set_camera(scene, &demo->camera));
+    STEP(amb_scene_commit(scene));
+    STEP(amb_render_start(scene, &demo->params, &render));
+    STEP(amb_render_wait(render, -1.0, &is_ended));
+    STEP(amb_render_read_pass(render, "Combined", out_pixels, FLOATS));
+    STEP(amb_render_write_exr(render, path, "Layer"));
+done:
+    amb_render_destroy(render);
+    amb_scene_destroy(scene);
+    shape_free(&plane);
+    return status;
+}
+#undef STEP
+
+/* One line for each way to render. */
+typedef struct MemoryCase {
+    const char *what;
+    uint32_t estimator, light_bounces;
+    float accuracy;
+    uint32_t threads;
+    int step; /* of n in a short run: 1 is every allocation */
+} MemoryCase;
+
+static const MemoryCase MEMORY_CASES[] = {
+    {"tubes", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 1},
+    {"tubes that reflect, two threads", AMB_ESTIMATOR_TUBES, 1, 0.0f, 2, 3},
+    {"tubes to a target", AMB_ESTIMATOR_TUBES, 0, 1.0f, 1, 7},
+    {"points", AMB_ESTIMATOR_POINTS_FIXED, 1, 0.0f, 1, 1},
+    {"points to a target", AMB_ESTIMATOR_POINTS_COVARIANCE, 0, 1.0f, 1, 7},
+    {"specular", AMB_ESTIMATOR_SPECULAR, 0, 0.0f, 1, 1},
+};
+
+/* What must be true of a cycle in which memory may have failed; returns whether it gave a picture.
+ */
+static bool check_cycle(const Demo *demo, const char *what, int n, const char *folder,
+                        const float expected[FLOATS]) {
+    static float pixels[FLOATS];
+    char path[96];
+    snprintf(path, sizeof path, "%s/memory.exr", folder);
+    const AmbStatus status = whole_cycle(demo, path, pixels);
+    memory_fail_after(-1, 0);
+    if (status == AMB_OK) {
+        test_check(memcmp(pixels, expected, sizeof pixels) == 0, __FILE__, __LINE__,
+                   "%s, allocation %d: another picture", what, n);
+        ENSURE(remove(path) == 0);
+    } else {
+        AmbErrorInfo info;
+        amb_last_error(&info);
+        test_check(status == AMB_OUT_OF_MEMORY && info.status == status, __FILE__, __LINE__,
+                   "%s, allocation %d: %s: %s", what, n, amb_status_name(status), info.message);
+        test_check(strstr(info.message, "memory") != NULL, __FILE__, __LINE__,
+                   "%s, allocation %d: %s: %s", what, n, info.function, info.message);
+    }
+    /* No file is left, under whatever name. */
+    test_check(rmdir(folder) == 0, __FILE__, __LINE__, "%s, allocation %d: a file is left", what,
+               n);
+    ENSURE(mkdir(folder, 0700) == 0);
+    return status == AMB_OK;
+}
+
+/* Of the allocations of a whole cycle, Embree's and OpenEXR's among them, the n-th fails, or all
+ * from the n-th on do. With more threads than one their number is not always the same. */
+static void check_memory_case(const MemoryCase *memory, const char *folder) {
+    static float expected[FLOATS];
+    char path[96];
+    Demo demo = demo_create();
+    demo.params.width = demo.params.height = SIDE;
+    demo.params.samples = 1;
+    demo.params.light_samples = 10000; /* two chunks of light rays */
+    shape_free(&demo.shape);
+    demo.shape = shape_sphere(6, 10);
+    demo.params.estimator = memory->estimator;
+    demo.params.light_bounces = memory->light_bounces;
+    demo.params.accuracy = memory->accuracy;
+    demo.params.threads = memory->threads;
+    snprintf(path, sizeof path, "%s/first.exr", folder);
+    ENSURE_STATUS(whole_cycle(&demo, path, expected), AMB_OK);
+    ENSURE(remove(path) == 0);
+    int n = 0, pictures = 0;
+    const int step = test_is_long() ? 1 : memory->step;
+    for (; pictures < 3 && n < 2000; n += step) {
+        memory_fail_after(n, n % 3 == 0 ? INT64_MAX : 1);
+        const bool is_picture = check_cycle(&demo, memory->what, n, folder, expected);
+        /* Once one allocation less than all has been reached, none may fail. */
+        ENSURE(pictures == 0 || is_picture || memory->threads > 1);
+        pictures += is_picture;
+        /* And the next is as ever. */
+        if (!is_picture && n % 16 == 1)
+            ENSURE(check_cycle(&demo, memory->what, n, folder, expected));
+    }
+    test_check(n > 60 && pictures == 3, __FILE__, __LINE__, "%s: %d pictures in %d cycles",
+               memory->what, pictures, n);
+    demo_free(&demo);
+}
+
+static void memory_failing_anywhere_is_an_error(void) {
+    char folder[] = "/tmp/amb_faults_XXXXXX";
+    ENSURE(mkdtemp(folder) != NULL);
+    for (size_t i = 0; i < sizeof MEMORY_CASES / sizeof MEMORY_CASES[0]; ++i)
+        check_memory_case(&MEMORY_CASES[i], folder);
+    ENSURE(rmdir(folder) == 0);
+}
+
+/* ---- Files ----------------------------------------------------------------------------------- */
+
+/* An ended render and an empty folder to write its picture to. */
+typedef struct Writer {
+    AmbScene *scene;
+    AmbRender *render;
+    char folder[32];
+    char path[64]; /* in the folder */
+} Writer;
+
+static Writer writer_create(void) {
+    Writer writer = {.folder = "/tmp/amb_faults_XXXXXX"};
+    ENSURE(mkdtemp(writer.folder) != NULL);
+    snprintf(writer.path, sizeof writer.path, "%s/picture.exr", writer.folder);
+    Demo demo = demo_create();
+    demo.params.width = demo.params.height = 64;
+    demo.params.samples = 1;
+    writer.scene = demo_scene(&demo);
+    int32_t is_ended;
+    ENSURE_STATUS(amb_scene_commit(writer.scene), AMB_OK);
+    ENSURE_STATUS(amb_render_start(writer.scene, &demo.params, &writer.render), AMB_OK);
+    ENSURE_STATUS(amb_render_wait(writer.render, -1.0, &is_ended), AMB_OK);
+    demo_free(&demo);
+    return writer;
+}
+
+static void writer_destroy(Writer *writer) {
+    amb_render_destroy(writer->render);
+    amb_scene_destroy(writer->scene);
+    test_check(rmdir(writer->folder) == 0, __FILE__, __LINE__, "files are left in %s",
+               writer->folder);
+}
+
+static int64_t file_size(const char *path) {
+    struct stat about;
+    return stat(path, &about) == 0 ? (int64_t)about.st_size : -1;
+}
+
+/* Entries of a folder; the size of all that are not `size` bytes long is counted as broken. */
+static int count_files(const char *folder, int64_t size, int *out_broken) {
+    int count = 0;
+    *out_broken = 0;
+    DIR *listing = opendir(folder);
+    ENSURE(listing != NULL);
+    for (struct dirent *entry; listing != NULL && (entry = readdir(listing)) != NULL;) {
+        if (strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0)
+            continue;
+        char path[320];
+        snprintf(path, sizeof path, "%s/%s", folder, entry->d_name);
+        ++count;
+        *out_broken += file_size(path) != size;
+    }
+    closedir(listing);
+    return count;
+}
+
+static void remove_files(const char *folder) {
+    DIR *listing = opendir(folder);
+    for (struct dirent *entry; listing != NULL && (entry = readdir(listing)) != NULL;) {
+        char path[320];
+        snprintf(path, sizeof path, "%s/%s", folder, entry->d_name);
+        if (entry->d_name[0] != '.' || strlen(entry->d_name) > 2)
+            remove(path);
+    }
+    closedir(listing);
+}
+
+/* The call fails with AMB_IO and that part of a message, and the folder has `count` files. */
+static void check_write_fails(const Writer *writer, const char *path, const char *part, int count) {
+    ENSURE_STATUS(amb_render_write_exr(writer->render, path, "L"), AMB_IO);
+    AmbErrorInfo info;
+    amb_last_error(&info);
+    test_check(strstr(info.message, part) != NULL, __FILE__, __LINE__, "\"%s\" lacks \"%s\"",
+               info.message, part);
+    int broken;
+    ENSURE_NEAR(count_files(writer->folder, 0, &broken), count, 0);
+}
+
+/* Writing ends after every so many bytes: over nothing, and over the picture of before. */
+static void disk_that_is_full_leaves_no_file(void) {
+    Writer writer = writer_create();
+    struct rlimit limit, small;
+    ENSURE(getrlimit(RLIMIT_FSIZE, &limit) == 0);
+    signal(SIGXFSZ, SIG_IGN);
+    for (int is_named = 0; is_named < 2; ++is_named) {
+        film_exr_avoid_nameless(is_named == 1);
+        ENSURE_STATUS(amb_render_write_exr(writer.render, writer.path, "L"), AMB_OK);
+        const int64_t size = file_size(writer.path);
+        ENSURE(size > 10000);
+        for (int is_over = 1; is_over >= 0; --is_over) {
+            if (!is_over)
+                remove(writer.path);
+            for (int64_t bytes = 0; bytes < size; bytes += bytes < 64 ? 16 : size / 13) {
+                small = limit;
+                small.rlim_cur = (rlim_t)bytes;
+                ENSURE(setrlimit(RLIMIT_FSIZE, &small) == 0);
+                check_write_fails(&writer, writer.path, "File too large", is_over);
+                ENSURE(setrlimit(RLIMIT_FSIZE, &limit) == 0);
+                ENSURE(file_size(writer.path) == (is_over ? size : -1));
+            }
+        }
+        ENSURE_STATUS(amb_render_write_exr(writer.render, writer.path, "L"), AMB_OK);
+        ENSURE(file_size(writer.path) == size && remove(writer.path) == 0);
+    }
+    film_exr_avoid_nameless(false);
+    signal(SIGXFSZ, SIG_DFL);
+    writer_destroy(&writer);
+}
+
+enum { CHILD_OK = 0, CHILD_FAILED = 1, CHILD_CANNOT = 2 };
+
+/* Mounts that this process alone sees: as root, or as root of a name space of its own. */
+static bool may_mount(void) {
+    if (unshare(CLONE_NEWNS) != 0) {
+        const unsigned user = (unsigned)getuid();
+        FILE *map = NULL;
+        if (unshare(CLONE_NEWUSER | CLONE_NEWNS) != 0 ||
+            (map = fopen("/proc/self/uid_map", "w")) == NULL)
+            return false;
+        fprintf(map, "0 %u 1\n", user);
+        if (fclose(map) != 0)
+            return false;
+    }
+    return mount("none", "/", NULL, MS_REC | MS_PRIVATE, NULL) == 0;
+}
+
+/* On a real file system of 16 KiB, where this process may make one. */
+static int write_to_small_disk(const Writer *writer) {
+    if (!may_mount() || mount("none", writer->folder, "tmpfs", 0, "size=16k") != 0)
+        return CHILD_CANNOT;
+    AmbErrorInfo info;
+    const AmbStatus status = amb_render_write_exr(writer->render, writer->path, "L");
+    amb_last_error(&info);
+    int broken;
+    const bool is_right = status == AMB_IO && strstr(info.message, "No space left") != NULL &&
+                          count_files(writer->folder, 0, &broken) == 0;
+    return is_right ? CHILD_OK : CHILD_FAILED;
+}
+
+static void small_disk_says_so(void) {
+    Writer writer = writer_create();
+    ENSURE_STATUS(amb_render_write_exr(writer.render, writer.path, "L"), AMB_OK);
+    ENSURE(file_size(writer.path) > 16384 && remove(writer.path) == 0);
+    fflush(stdout);
+    const pid_t child = fork();
+    if (child == 0)
+        _exit(write_to_small_disk(&writer));
+    int status = 0;
+    ENSURE(waitpid(child, &status, 0) == child && WIFEXITED(status));
+    test_check(WEXITSTATUS(status) != CHILD_FAILED, __FILE__, __LINE__,
+               "a disk of 16 KiB was not full");
+    if (WEXITSTATUS(status) == CHILD_CANNOT)
+        printf("a disk of 16 KiB: skipped, this process may not mount one\n");
+    writer_destroy(&writer);
+}
+
+static void paths_that_cannot_be(void) {
+    Writer writer = writer_create();
+    char path[400];
+    for (int is_named = 0; is_named < 2; ++is_named) {
+        film_exr_avoid_nameless(is_named == 1);
+        snprintf(path, sizeof path, "%s/no/such/folder.exr", writer.folder);
+        check_write_fails(&writer, path, "No such file", 0);
+        ENSURE(mkdir(writer.path, 0700) == 0);
+        check_write_fails(&writer, writer.path, "directory", 1);
+        ENSURE(rmdir(writer.path) == 0);
+        check_write_fails(&writer, "", "cannot write", 0);
+        snprintf(path, sizeof path, "%s/", writer.folder);
+        check_write_fails(&writer, path, "cannot write", 0);
+        check_write_fails(&writer, "/proc/version", "cannot write", 0);
+        /* The longest name that there is, and one more. */
+        int length = snprintf(path, sizeof path, "%s/%0255d", writer.folder, 0);
+        ENSURE_STATUS(amb_render_write_exr(writer.render, path, "L"), AMB_OK);
+        ENSURE(remove(path) == 0);
+        memcpy(path + length, "0", 2);
+        check_write_fails(&writer, path, "too long", 0);
+        /* A file is no folder. */
+        ENSURE_STATUS(amb_render_write_exr(writer.render, writer.path, "L"), AMB_OK);
+        length = snprintf(path, sizeof path, "%s/x.exr", writer.path);
+        check_write_fails(&writer, path, "Not a directory", 1);
+        ENSURE(remove(writer.path) == 0);
+    }
+    film_exr_avoid_nameless(false);
+    /* Relative to the current folder. */
+    char before[1000];
+    ENSURE(getcwd(before, sizeof before) != NULL && chdir(writer.folder) == 0);
+    ENSURE_STATUS(amb_render_write_exr(writer.render, "picture.exr", "L"), AMB_OK);
+    ENSURE(chdir(before) == 0 && remove(writer.path) == 0);
+    writer_destroy(&writer);
+}
+
+/* A process that does nothing but write the file again and again is killed at some moment. */
+static void killed_writer_leaves_whole_files(void) {
+    Writer writer = writer_create();
+    ENSURE_STATUS(amb_render_write_exr(writer.render, writer.path, "L"), AMB_OK);
+    const int64_t size = file_size(writer.path);
+    ENSURE(remove(writer.path) == 0);
+    uint64_t state = 5;
+    const int rounds = test_is_long() ? 500 : 30;
+    int extra = 0;
+    for (int i = 0; i < rounds; ++i) {
+        const bool is_named = i % 3 == 2;
+        film_exr_avoid_nameless(is_named);
+        fflush(stdout);
+        const pid_t child = fork();
+        if (child == 0)
+            for (;;)
+                (void)amb_render_write_exr(writer.render, writer.path, "L");
+        const struct timespec pause = {.tv_nsec = (long)test_uniform(&state, 0.0, 2e7)};
+        nanosleep(&pause, NULL);
+        ENSURE(kill(child, SIGKILL) == 0);
+        int status = 0;
+        ENSURE(waitpid(child, &status, 0) == child && WIFSIGNALED(status));
+        const int64_t left = file_size(writer.path);
+        ENSURE(left == -1 || left == size);
+        int broken = 0;
+        const int count = count_files(writer.folder, size, &broken);
+        extra += count - (left == size);
+        /* Between its two names a nameless file is a whole one. */
+        ENSURE(is_named || broken == 0);
+        ENSURE(count <= 2);
+        remove_files(writer.folder);
+    }
+    film_exr_avoid_nameless(false);
+    printf("%d writers killed: %d files left beside the final name\n", rounds, extra);
+    writer_destroy(&writer);
+}
+
+void test_faults(void);
+
+void test_faults(void) {
+    RUN(memory_failing_anywhere_is_an_error);
+    RUN(disk_that_is_full_leaves_no_file);
+    RUN(small_disk_says_so);
+    RUN(paths_that_cannot_be);
+    RUN(killed_writer_leaves_whole_files);
+}
