@@ -6,7 +6,7 @@
 
 #include <stdint.h>
 
-enum { RNG_STAGE_LIGHT = 1, RNG_STAGE_CAMERA = 2, RNG_STAGE_PROBE = 3 };
+enum { RNG_STAGE_LIGHT = 1, RNG_STAGE_CAMERA = 2, RNG_STAGE_PROBE = 3, RNG_STAGE_PHOTON = 5 };
 
 typedef struct Rng {
     uint64_t key; /* of (seed, stage, path) */

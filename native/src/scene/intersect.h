@@ -30,6 +30,9 @@ AmbStatus intersector_commit(Intersector *intersector, Job *job);
 bool intersector_nearest(const Intersector *intersector, Vec3 o, Vec3 d, float t_max, Hit *out_hit);
 bool intersector_any(const Intersector *intersector, Vec3 o, Vec3 d, float t_max);
 
+/* The point of the surfaces that is nearest to p; false: none is nearer than reach. */
+bool intersector_closest(const Intersector *intersector, Vec3 p, float reach, Vec3 *out_point);
+
 uint64_t intersector_bytes(const Intersector *intersector);
 
 /* See amb_self_test. */

@@ -161,6 +161,72 @@ bool intersector_any(const Intersector *self, Vec3 o, Vec3 d, float t_max) {
     return ray.tfar < 0.0f; /* Embree's sign for "something is there" */
 }
 
+/* The point of a triangle nearest to p: the foot on its plane where that lies inside, else on the
+ * nearest edge. */
+static Vec3 closest_on_triangle(Vec3 p, Vec3 a, Vec3 b, Vec3 c) {
+    const Vec3 corners[3] = {a, b, c};
+    const Vec3 n = vec3_cross(vec3_sub(b, a), vec3_sub(c, a));
+    const float n2 = vec3_dot(n, n);
+    bool is_inside = n2 > 0.0f;
+    float nearest = INFINITY;
+    Vec3 closest = a;
+    for (int k = 0; k < 3; ++k) {
+        const Vec3 from = corners[k];
+        const Vec3 edge = vec3_sub(corners[(k + 1) % 3], from);
+        const Vec3 to_p = vec3_sub(p, from);
+        is_inside = is_inside && vec3_dot(vec3_cross(n, edge), to_p) >= 0.0f;
+        const float length2 = vec3_dot(edge, edge);
+        const float s = length2 > 0.0f ? clampf(vec3_dot(to_p, edge) / length2, 0.0f, 1.0f) : 0.0f;
+        const Vec3 across = vec3_madd(to_p, -s, edge);
+        if (vec3_dot(across, across) < nearest) {
+            nearest = vec3_dot(across, across);
+            closest = vec3_madd(from, s, edge);
+        }
+    }
+    return is_inside ? vec3_madd(p, -vec3_dot(n, vec3_sub(p, a)) / n2, n) : closest;
+}
+
+typedef struct ClosestQuery {
+    RTCScene scene;
+    Vec3 point;
+    bool is_found;
+} ClosestQuery;
+
+/* Embree offers a triangle within the radius: a smaller radius is an answer. */
+static bool on_near_triangle(struct RTCPointQueryFunctionArguments *args) {
+    ClosestQuery *found = args->userPtr;
+    RTCGeometry geometry = rtcGetGeometry(found->scene, args->geomID);
+    const Vec3 *positions = rtcGetGeometryBufferData(geometry, RTC_BUFFER_TYPE_VERTEX, 0);
+    const uint32_t *triangles = rtcGetGeometryBufferData(geometry, RTC_BUFFER_TYPE_INDEX, 0);
+    const uint32_t *i = triangles + 3 * (uint64_t)args->primID;
+    struct RTCPointQuery *query = args->query;
+    const Vec3 p = vec3(query->x, query->y, query->z);
+    const Vec3 point = closest_on_triangle(p, positions[i[0]], positions[i[1]], positions[i[2]]);
+    const float distance = vec3_length(vec3_sub(point, p));
+    if (!(distance < query->radius))
+        return false;
+    query->radius = distance;
+    found->point = point;
+    found->is_found = true;
+    return true;
+}
+
+bool intersector_closest(const Intersector *self, Vec3 p, float reach, Vec3 *out_point) {
+    struct RTCPointQuery query;
+    memset(&query, 0, sizeof query);
+    query.x = p.x;
+    query.y = p.y;
+    query.z = p.z;
+    query.radius = reach;
+    struct RTCPointQueryContext context;
+    rtcInitPointQueryContext(&context);
+    ClosestQuery found = {.scene = self->scene};
+    rtcPointQuery(self->scene, &query, &context, on_near_triangle, &found);
+    if (found.is_found)
+        *out_point = found.point;
+    return found.is_found;
+}
+
 uint64_t intersector_bytes(const Intersector *self) {
     const int64_t bytes = atomic_load(&self->bytes);
     return bytes > 0 ? (uint64_t)bytes : 0;

@@ -244,6 +244,10 @@ bool scene_is_occluded(const AmbScene *scene, Vec3 p, Vec3 d, float t_max) {
     return intersector_any(scene->intersector, p, d, t_max);
 }
 
+bool scene_closest(const AmbScene *scene, Vec3 p, float reach, Vec3 *out_point) {
+    return intersector_closest(scene->intersector, p, reach, out_point);
+}
+
 typedef struct Triangle {
     Vec3 p[3];
     Vec3 n[3]; /* shading normals */

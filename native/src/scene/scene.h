@@ -96,6 +96,9 @@ bool scene_intersect(const AmbScene *scene, Vec3 p, Vec3 d, float t_max, Hit *ou
 /* Whether anything lies between. */
 bool scene_is_occluded(const AmbScene *scene, Vec3 p, Vec3 d, float t_max);
 
+/* The point of any object's surface that is nearest to p; false: none is nearer than reach. */
+bool scene_closest(const AmbScene *scene, Vec3 p, float reach, Vec3 *out_point);
+
 /* The point is a millionth inside of the triangle's edges: a path that goes on from it does not
  * slip between two triangles. */
 SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit);

@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * How deep points of a medium lie below its boundary. */
+#ifndef AMB_FIELD_SCATTER_DEPTH_GRID_H
+#define AMB_FIELD_SCATTER_DEPTH_GRID_H
+
+#include "scene/boundary.h"
+
+/* Distance to the nearest surface of any object, m, positive inside one object's medium, at the
+ * nodes of a grid over its bounding box. */
+typedef struct DepthGrid {
+    Vec3 origin;
+    float spacing; /* m */
+    uint32_t count[3];
+    float *nodes;
+} DepthGrid;
+
+AmbStatus depth_grid_build(const AmbScene *scene, uint32_t object, Job *job, DepthGrid *out_grid);
+void depth_grid_clear(DepthGrid *grid);
+uint64_t depth_grid_bytes(const DepthGrid *grid);
+
+/* Linear between nodes; 0 outside of the grid. */
+static inline float depth_grid_at(const DepthGrid *grid, Vec3 p) {
+    const float x = (p.x - grid->origin.x) / grid->spacing;
+    const float y = (p.y - grid->origin.y) / grid->spacing;
+    const float z = (p.z - grid->origin.z) / grid->spacing;
+    if (!(x >= 0.0f && y >= 0.0f && z >= 0.0f))
+        return 0.0f;
+    const uint32_t i = (uint32_t)x, j = (uint32_t)y, k = (uint32_t)z;
+    const uint32_t nx = grid->count[0], ny = grid->count[1];
+    if (i + 1 >= nx || j + 1 >= ny || k + 1 >= grid->count[2])
+        return 0.0f;
+    const float u = x - (float)i, v = y - (float)j, w = z - (float)k;
+    const float *low = grid->nodes + ((uint64_t)k * ny + j) * nx + i;
+    const float *high = low + (uint64_t)ny * nx;
+    const float a = low[0] + u * (low[1] - low[0]);
+    const float b = low[nx] + u * (low[nx + 1] - low[nx]);
+    const float c = high[0] + u * (high[1] - high[0]);
+    const float d = high[nx] + u * (high[nx + 1] - high[nx]);
+    const float near = a + v * (b - a), far = c + v * (d - c);
+    return near + w * (far - near);
+}
+
+/* No surface is nearer than this to a point of that depth. Between nodes a distance differs from
+ * the true one by no more than the way to them, half a cell's diagonal; and what a node takes for
+ * the nearest point of the surface may be a spacing away from it, two spacings away or more. */
+static inline float depth_grid_free(const DepthGrid *grid, float depth) {
+    return depth - (0.867f + 0.25f) * grid->spacing;
+}
+
+#endif

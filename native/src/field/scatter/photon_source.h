@@ -1,0 +1,39 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Where photons start: lamps and the world, towards each object that light can enter. */
+#ifndef AMB_FIELD_SCATTER_PHOTON_SOURCE_H
+#define AMB_FIELD_SCATTER_PHOTON_SOURCE_H
+
+#include "scene/boundary.h"
+
+/* Photons of one lamp, or of the world, towards one object. */
+typedef struct PhotonBatch {
+    LightEmission emission; /* light NULL: the world */
+    MediumStack start;      /* media around the lamp */
+    uint32_t target;
+    uint64_t first; /* index of its first photon among all */
+} PhotonBatch;
+
+typedef struct PhotonSource {
+    PhotonBatch *batches;
+    uint64_t batch_count, photon_count;
+    Rgb world;
+} PhotonSource;
+
+typedef struct Photon {
+    Vec3 o, d; /* d unit */
+    Rgb flux;  /* W */
+    const PhotonBatch *batch;
+} Photon;
+
+AmbStatus photon_source_create(const AmbScene *scene, uint64_t photon_count, bool has_world,
+                               uint32_t seed, PhotonSource *out_source);
+void photon_source_clear(PhotonSource *source);
+
+/* Photon i < photon_count. Those of a batch form a lattice, as the rays of the light pass do. */
+Photon photon_emit(const PhotonSource *source, uint64_t i);
+
+/* Share of the flux that reaches distance t, of a photon that nothing stopped: the falloff of
+ * Cycles' discs (see light_trace). */
+float photon_falloff(const Photon *photon, float t);
+
+#endif

@@ -1,0 +1,294 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * The random walk of photons. */
+#include "field/scatter/photon_walk.h"
+
+#include "base/rng.h"
+
+enum { BOUNDARY_MAX = 4096 }; /* boundaries of one photon, a guard against endless reflection */
+
+/* Photons with less than this share of the flux they had survive by chance: few of low weight
+ * are not worth their time, and none is lost on average. */
+static const float ROULETTE_SHARE = 0.25f;
+
+typedef struct Walker {
+    const PhotonWalk *walk;
+    float *const *moments;
+    ScatterTally *tally;
+    Rng rng;
+    uint32_t dimension;
+    Vec3 o, d;
+    float depth; /* of o; 0 where it may be on a surface */
+    Rgb flux;
+    float worth; /* largest channel of the flux when roulette was last played */
+    MediumStack stack;
+    uint32_t order;       /* scatterings so far */
+    uint32_t reflections; /* internal ones, before the first scattering */
+    bool is_of_world, is_direct;
+} Walker;
+
+static float next_random(Walker *walker) {
+    return rng_float(walker->rng, walker->dimension++);
+}
+
+static void tally_add(double sum[3], Rgb flux) {
+    sum[0] += (double)flux.r;
+    sum[1] += (double)flux.g;
+    sum[2] += (double)flux.b;
+}
+
+static float channel(Rgb c, int k) {
+    return k == 0 ? c.r : k == 1 ? c.g : c.b;
+}
+
+/* Direction of travel after a scattering of mean cosine g. */
+static Vec3 scatter_direction(Vec3 d, float g, float u, float v) {
+    float cos_theta = 1.0f - 2.0f * u;
+    if (fabsf(g) > 1e-3f) {
+        const float s = (1.0f - g * g) / (1.0f - g + 2.0f * g * u);
+        cos_theta = clampf((1.0f + g * g - s * s) / (2.0f * g), -1.0f, 1.0f);
+    }
+    const float sin_theta = safe_sqrtf(1.0f - cos_theta * cos_theta);
+    const float phi = 2.0f * AMB_PI * v;
+    Vec3 x, y;
+    vec3_frame(d, &x, &y);
+    return vec3_normalize(
+        frame_to_world(x, y, d, vec3(sin_theta * cosf(phi), sin_theta * sinf(phi), cos_theta)));
+}
+
+/* A flight in a medium: one distance for three channels, drawn from the channels' densities in
+ * proportion to the flux that they carry, and weighed with their sum (one-sample balance
+ * heuristic). Where all channels are alike every weight is 1. */
+typedef struct Flight {
+    Rgb share; /* of the channels, sums to 1 */
+    float distance;
+} Flight;
+
+static bool is_grey(const Medium *medium) {
+    return medium->sigma_t.r == medium->sigma_t.g && medium->sigma_t.g == medium->sigma_t.b;
+}
+
+static Flight draw_flight(Walker *walker, const Medium *medium) {
+    const Rgb flux = walker->flux;
+    const float total = flux.r + flux.g + flux.b;
+    Flight flight = {.share = rgb_scale(flux, 1.0f / total)};
+    const float u = next_random(walker), v = next_random(walker);
+    const int k = u < flight.share.r ? 0 : u < flight.share.r + flight.share.g ? 1 : 2;
+    flight.distance = -logf(1.0f - v) / channel(medium->sigma_t, k);
+    return flight;
+}
+
+/* exp(-sigma_t t) over the probability (density) of not (of just) having collided at t. */
+static Rgb flight_weight(const Flight *flight, const Medium *medium, float t, bool collides) {
+    if (is_grey(medium)) {
+        const float weight = collides ? 1.0f / medium->sigma_t.r : 1.0f;
+        return rgb(weight, weight, weight);
+    }
+    const Rgb passed = medium_transmittance(medium, t);
+    const Rgb s = collides ? medium->sigma_t : rgb(1, 1, 1);
+    const float pdf = flight->share.r * passed.r * s.r + flight->share.g * passed.g * s.g +
+                      flight->share.b * passed.b * s.b;
+    return rgb_scale(passed, 1.0f / pdf);
+}
+
+/* Flux per collision coefficient arrives at a collision: adds it to the cells, then scatters. */
+static bool collide(Walker *walker, const Medium *medium, uint32_t object, Rgb stretch) {
+    const ScatterCells *cells = &walker->walk->cells[object];
+    ScatterTally *tally = walker->tally;
+    const float u[5] = {next_random(walker), next_random(walker), next_random(walker),
+                        next_random(walker), next_random(walker)};
+    ++walker->order;
+    ++tally->collision_count;
+    const float depth = depth_grid_at(&cells->depth, walker->o);
+    walker->depth = depth > 0.0f ? depth : 0.0f;
+    /* The first scattering of a lamp's light is the light field's. */
+    if (walker->order > 1 || walker->is_of_world) {
+        const uint32_t layer = scatter_layer_at(cells, walker->depth);
+        if (layer < cells->layer_count) {
+            float harmonics[HARMONIC_COUNT_MAX];
+            harmonics_evaluate(&cells->harmonics, walker->d, harmonics);
+            const uint32_t slot = walker->order == 1 ? 2 : walker->order == 2 ? 0 : 1;
+            scatter_cells_add(cells, walker->moments[object], slot, walker->o, layer, stretch,
+                              harmonics, u);
+        }
+    }
+    /* One lobe, in proportion to what it scatters. */
+    Rgb scattered = {0, 0, 0};
+    for (uint32_t j = 0; j < medium->lobe_count; ++j)
+        scattered = rgb_add(scattered, rgb_mul(stretch, medium->lobes[j].sigma_s));
+    tally_add(tally->absorbed, rgb_mul(stretch, medium->sigma_t));
+    tally_add(tally->absorbed, rgb_scale(scattered, -1.0f));
+    const float total = scattered.r + scattered.g + scattered.b;
+    if (!(total > 0.0f))
+        return false;
+    float pick = next_random(walker) * total;
+    uint32_t lobe = 0;
+    for (;; ++lobe) {
+        const Rgb part = rgb_mul(stretch, medium->lobes[lobe].sigma_s);
+        const float weight = part.r + part.g + part.b;
+        if (pick < weight || lobe + 1 == medium->lobe_count) {
+            walker->flux = rgb_scale(part, total / weight);
+            break;
+        }
+        pick -= weight;
+    }
+    walker->d = scatter_direction(walker->d, medium->lobes[lobe].g, u[3], u[4]);
+    return true;
+}
+
+/* Goes on to the next collision or boundary; true, at a boundary, which *out_hit is. */
+static bool fly(Walker *walker, Hit *out_hit, bool *out_ends) {
+    const AmbScene *scene = walker->walk->scene;
+    *out_ends = false;
+    const SceneMaterial *material = medium_stack_material(scene, &walker->stack);
+    if (material == NULL || !medium_scatters(&material->medium)) {
+        if (!scene_intersect(scene, walker->o, walker->d, INFINITY, out_hit)) {
+            if (walker->stack.count > 0)
+                tally_add(walker->tally->lost, walker->flux);
+            *out_ends = true;
+            return false;
+        }
+        if (material != NULL) {
+            const Rgb before = walker->flux;
+            walker->flux = rgb_mul(before, medium_transmittance(&material->medium, out_hit->t));
+            tally_add(walker->tally->absorbed, before);
+            tally_add(walker->tally->absorbed, rgb_scale(walker->flux, -1.0f));
+        }
+        return true;
+    }
+    const Medium *medium = &material->medium;
+    const uint32_t object = medium_stack_top(&walker->stack);
+    const DepthGrid *depth = &walker->walk->cells[object].depth;
+    const Flight flight = draw_flight(walker, medium);
+    const float free = depth_grid_free(depth, walker->depth);
+    const bool is_hit = flight.distance > free &&
+                        scene_intersect(scene, walker->o, walker->d, flight.distance, out_hit);
+    if (is_hit) {
+        walker->flux = rgb_mul(walker->flux, flight_weight(&flight, medium, out_hit->t, false));
+        return true;
+    }
+    walker->o = vec3_madd(walker->o, flight.distance, walker->d);
+    const Rgb weight = flight_weight(&flight, medium, flight.distance, true);
+    *out_ends = !isfinite(flight.distance) ||
+                !collide(walker, medium, object, rgb_mul(walker->flux, weight));
+    return false;
+}
+
+/* Light goes on beyond a boundary, or back from it. False: it ends there. */
+static bool meet(Walker *walker, const Hit *hit) {
+    const AmbScene *scene = walker->walk->scene;
+    const ScatterParams *params = walker->walk->params;
+    const SurfacePoint surface = scene_surface(scene, hit);
+    const bool is_outside = walker->stack.count == 0;
+    if (surface.material->surface != AMB_SURFACE_DIELECTRIC) {
+        if (!is_outside)
+            tally_add(walker->tally->absorbed, walker->flux);
+        return false;
+    }
+    const BoundaryCrossing crossing = boundary_cross(scene, &walker->stack, &surface, walker->d);
+    if (crossing.is_ignored) {
+        walker->o = scene_leave(&surface, walker->d);
+        walker->depth = 0.0f;
+        return true;
+    }
+    const DielectricSplit *split = &crossing.split;
+    const bool is_adjoint = params->adjoint_normals && walker->order == 0;
+    /* Light from outside enters by its transmittance; inside one of both ways is drawn. Where
+     * interpolated normals forbid one of them, the other takes all. */
+    bool is_refracted = true;
+    float weight = 1.0f;
+    if (is_outside) {
+        if (!crossing.can_refract)
+            return false;
+        weight = 1.0f - split->reflectance;
+    } else {
+        is_refracted = crossing.can_refract && next_random(walker) >= split->reflectance;
+    }
+    if (is_refracted) {
+        walker->d = split->refracted;
+        walker->flux = rgb_mul(walker->flux, surface.material->transmit_color);
+        if (is_adjoint)
+            weight *= crossing.adjoint_refract;
+    } else {
+        const float side = crossing.is_entering ? 1.0f : -1.0f;
+        const Vec3 ng = vec3_scale(surface.ng, side);
+        if (crossing.can_reflect || vec3_dot(split->reflected, ng) > 0.0f)
+            walker->d = split->reflected;
+        else
+            walker->d = vec3_madd(walker->d, -2.0f * vec3_dot(walker->d, ng), ng);
+        walker->flux = rgb_mul(walker->flux, surface.material->reflect_color);
+        if (is_adjoint)
+            weight *= crossing.adjoint_reflect;
+        if (walker->order == 0 && ++walker->reflections > params->light_bounces)
+            return false;
+    }
+    walker->flux = rgb_scale(walker->flux, weight);
+    walker->o = scene_leave(&surface, walker->d);
+    walker->depth = 0.0f;
+    if (is_refracted) {
+        walker->stack = crossing.beyond;
+        if (is_outside)
+            tally_add(walker->tally->entered, walker->flux);
+        if (walker->stack.count == 0) {
+            tally_add(walker->tally->escaped, walker->flux);
+            return params->follows_through;
+        }
+    }
+    return true;
+}
+
+static bool survives(Walker *walker) {
+    const float worth = rgb_max(walker->flux);
+    if (!(worth > 0.0f))
+        return false;
+    if (worth >= ROULETTE_SHARE * walker->worth)
+        return true;
+    const float survival = worth / walker->worth;
+    if (next_random(walker) >= survival)
+        return false;
+    walker->flux = rgb_scale(walker->flux, 1.0f / survival);
+    walker->worth = rgb_max(walker->flux);
+    return true;
+}
+
+void photon_walk(const PhotonWalk *walk, uint64_t i, float *const *moments, ScatterTally *tally) {
+    const Photon photon = photon_emit(walk->source, i);
+    if (!(rgb_max(photon.flux) > 0.0f))
+        return;
+    Walker walker = {.walk = walk,
+                     .moments = moments,
+                     .tally = tally,
+                     .rng = rng_create(walk->params->seed, RNG_STAGE_PHOTON, i + (1u << 16)),
+                     .o = photon.o,
+                     .d = photon.d,
+                     .flux = photon.flux,
+                     .worth = rgb_max(photon.flux),
+                     .stack = photon.batch->start,
+                     .is_of_world = photon.batch->emission.light == NULL};
+    ++tally->photon_count;
+    if (walker.stack.count > 0) {
+        tally_add(tally->entered, photon.flux);
+    } else {
+        /* Each object that a light reaches first has photons of its own. */
+        Hit hit;
+        if (!scene_intersect(walk->scene, walker.o, walker.d, INFINITY, &hit) ||
+            hit.geometry != photon.batch->target)
+            return;
+        walker.flux = rgb_scale(walker.flux, photon_falloff(&photon, hit.t));
+        if (!meet(&walker, &hit))
+            return;
+        walker.worth = rgb_max(walker.flux);
+    }
+    const uint32_t order_max = walk->params->order_max;
+    for (uint32_t boundaries = 0; boundaries < BOUNDARY_MAX;) {
+        Hit hit;
+        bool ends = false;
+        if (fly(&walker, &hit, &ends)) {
+            ++boundaries;
+            if (!meet(&walker, &hit))
+                return;
+        }
+        if (ends || (order_max > 0 && walker.order >= order_max) || !survives(&walker))
+            return;
+    }
+    tally_add(tally->lost, walker.flux);
+}

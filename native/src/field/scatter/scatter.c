@@ -1,0 +1,244 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Photons walk, cells keep what they bring. */
+#include "field/scatter/scatter.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+#include "field/scatter/photon_walk.h"
+#include "field/scatter/scatter_cells.h"
+
+struct Scatter {
+    uint32_t object_count;
+    ScatterCells *cells; /* by object */
+    ScatterTally tally;
+};
+
+/* Photons are divided among so many sums, whatever the number of threads, and these are added in
+ * their order: the same bits. */
+enum { BANK_COUNT = 16 };
+
+typedef struct Bank {
+    float **moments; /* by object */
+    ScatterTally tally;
+} Bank;
+
+typedef struct Trace {
+    PhotonWalk walk;
+    Job *job;
+    Bank banks[BANK_COUNT];
+    Scatter *scatter;
+} Trace;
+
+static AmbStatus trace_bank(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    Trace *trace = user;
+    for (uint64_t b = begin; b < end; ++b) {
+        Bank *bank = &trace->banks[b];
+        uint32_t unreported = 0;
+        for (uint64_t i = b; i < trace->walk.source->photon_count; i += BANK_COUNT) {
+            if (job_is_cancelled(trace->job))
+                return AMB_CANCELLED;
+            photon_walk(&trace->walk, i, bank->moments, &bank->tally);
+            if (++unreported == 256) {
+                atomic_fetch_add(&trace->job->work_done, unreported);
+                unreported = 0;
+            }
+        }
+    }
+    return AMB_OK;
+}
+
+/* ---- Cells ----------------------------------------------------------------------------------- */
+
+/* Harmonics beyond this degree l would add g^l of something small. */
+static const float HARMONIC_REST = 0.02f;
+
+static uint32_t harmonic_degree(const Medium *medium) {
+    float g = 0.0f;
+    for (uint32_t j = 0; j < medium->lobe_count; ++j)
+        g = fmaxf(g, fabsf(medium->lobes[j].g));
+    uint32_t degree = 0;
+    while (degree < HARMONIC_DEGREE_MAX && powf(g, (float)(degree + 1)) > HARMONIC_REST)
+        ++degree;
+    return degree;
+}
+
+/* Radius of the sphere of the object's area, m. */
+static float area_radius(const AmbScene *scene, uint32_t object) {
+    const SceneObject *shape = &scene->objects[object];
+    const SceneMesh *mesh = &scene->meshes[shape->mesh];
+    double area = 0.0;
+    for (uint64_t t = 0; t < mesh->triangle_count; ++t) {
+        const uint32_t *i = mesh->triangles + 3 * t;
+        const Vec3 a = shape->positions[i[0]];
+        area += 0.5 * (double)vec3_length(vec3_cross(vec3_sub(shape->positions[i[1]], a),
+                                                     vec3_sub(shape->positions[i[2]], a)));
+    }
+    return sqrtf((float)area / (4.0f * AMB_PI));
+}
+
+/* Edge of the cubes. n photons leave a variance of 1/(n size^2) and the size a bias of size^2: the
+ * sum of squares is least for n^(-1/6). */
+static float cube_size(const AmbScene *scene, uint32_t object, uint64_t photon_count) {
+    return 0.57f * area_radius(scene, object) / powf((float)photon_count, 1.0f / 6.0f);
+}
+
+static AmbStatus build_cells(const AmbScene *scene, const ScatterParams *params, Job *job,
+                             Scatter *scatter) {
+    for (uint32_t o = 0; o < scene->object_count; ++o) {
+        const SceneObject *object = &scene->objects[o];
+        const Medium *medium = &scene->materials[object->inside].medium;
+        if (!object->is_boundary || !medium_scatters(medium))
+            continue;
+        AMB_TRY(scatter_cells_build(scene, o, harmonic_degree(medium),
+                                    cube_size(scene, o, params->photon_count),
+                                    params->has_world ? 3 : 2, job, &scatter->cells[o]));
+    }
+    return AMB_OK;
+}
+
+static AmbStatus create_banks(const AmbScene *scene, const ScatterParams *params, Trace *trace) {
+    uint64_t bytes = scatter_bytes(trace->scatter);
+    for (uint32_t o = 0; o < scene->object_count; ++o) {
+        const ScatterCells *cells = &trace->scatter->cells[o];
+        bytes += BANK_COUNT * cells->cell_count * cells->float_count * sizeof(float);
+    }
+    if (params->memory_max > 0 && bytes > params->memory_max)
+        return status_fail(AMB_OUT_OF_MEMORY,
+                           "scattered light takes %llu MB, more than the memory limit of %llu MB",
+                           (unsigned long long)(bytes >> 20),
+                           (unsigned long long)(params->memory_max >> 20));
+    for (uint32_t b = 0; b < BANK_COUNT; ++b) {
+        Bank *bank = &trace->banks[b];
+        bank->moments = memory_zero_array(scene->object_count, sizeof *bank->moments);
+        if (bank->moments == NULL)
+            return status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
+        for (uint32_t o = 0; o < scene->object_count; ++o) {
+            const ScatterCells *cells = &trace->scatter->cells[o];
+            bank->moments[o] =
+                memory_zero_array(cells->cell_count * cells->float_count, sizeof(float));
+            if (bank->moments[o] == NULL)
+                return status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
+        }
+    }
+    return AMB_OK;
+}
+
+static void destroy_banks(Trace *trace) {
+    for (uint32_t b = 0; b < BANK_COUNT; ++b) {
+        float **moments = trace->banks[b].moments;
+        for (uint32_t o = 0; moments != NULL && o < trace->scatter->object_count; ++o)
+            memory_free(moments[o]);
+        memory_free(moments);
+    }
+}
+
+/* The first bank becomes the sum of all. */
+static void sum_banks(Trace *trace) {
+    Scatter *scatter = trace->scatter;
+    for (uint32_t o = 0; o < scatter->object_count; ++o) {
+        ScatterCells *cells = &scatter->cells[o];
+        const uint64_t count = cells->cell_count * cells->float_count;
+        cells->moments = trace->banks[0].moments[o];
+        trace->banks[0].moments[o] = NULL;
+        for (uint32_t b = 1; b < BANK_COUNT; ++b)
+            for (uint64_t i = 0; i < count; ++i)
+                cells->moments[i] += trace->banks[b].moments[o][i];
+    }
+    for (uint32_t b = 0; b < BANK_COUNT; ++b) {
+        const ScatterTally *tally = &trace->banks[b].tally;
+        scatter->tally.photon_count += tally->photon_count;
+        scatter->tally.collision_count += tally->collision_count;
+        for (int k = 0; k < 3; ++k) {
+            scatter->tally.entered[k] += tally->entered[k];
+            scatter->tally.absorbed[k] += tally->absorbed[k];
+            scatter->tally.escaped[k] += tally->escaped[k];
+            scatter->tally.lost[k] += tally->lost[k];
+        }
+    }
+}
+
+/* ---- The whole ------------------------------------------------------------------------------- */
+
+static AmbStatus run(const AmbScene *scene, const ScatterParams *params, Job *job,
+                     Scatter *scatter) {
+    AMB_TRY(build_cells(scene, params, job, scatter));
+    PhotonSource source;
+    AMB_TRY(photon_source_create(scene, params->photon_count, params->has_world, params->seed,
+                                 &source));
+    Trace *trace = memory_zero_array(1, sizeof *trace);
+    AmbStatus status = AMB_OK;
+    if (trace == NULL) {
+        status = status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
+    } else {
+        trace->walk = (PhotonWalk){scene, params, &source, scatter->cells};
+        trace->job = job;
+        trace->scatter = scatter;
+        status = create_banks(scene, params, trace);
+        atomic_store(&job->work_done, 0);
+        atomic_store(&job->work_total, source.photon_count);
+        if (status == AMB_OK)
+            status = parallel_for(job, BANK_COUNT, 1, trace_bank, trace);
+        if (status == AMB_OK)
+            sum_banks(trace);
+        destroy_banks(trace);
+    }
+    memory_free(trace);
+    photon_source_clear(&source);
+    return status;
+}
+
+AmbStatus scatter_create(const AmbScene *scene, const ScatterParams *params, Job *job,
+                         Scatter **out_scatter) {
+    Scatter *scatter = memory_zero_array(1, sizeof *scatter);
+    if (scatter == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
+    scatter->object_count = scene->object_count;
+    scatter->cells = memory_zero_array(scene->object_count, sizeof *scatter->cells);
+    AmbStatus status = AMB_OK;
+    if (scatter->cells == NULL)
+        status = status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
+    if (status == AMB_OK)
+        status = run(scene, params, job, scatter);
+    if (status != AMB_OK) {
+        scatter_destroy(scatter);
+        return status;
+    }
+    *out_scatter = scatter;
+    return AMB_OK;
+}
+
+void scatter_destroy(Scatter *scatter) {
+    if (scatter == NULL)
+        return;
+    for (uint32_t o = 0; scatter->cells != NULL && o < scatter->object_count; ++o)
+        scatter_cells_clear(&scatter->cells[o]);
+    memory_free(scatter->cells);
+    memory_free(scatter);
+}
+
+ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segment) {
+    const ScatterCells *cells = &scatter->cells[segment->object];
+    if (cells->moments == NULL || cells->layer_count == 0)
+        return (ScatterRadiance){.once = {0, 0, 0}};
+    return scatter_cells_gather(cells, segment->o, segment->d, segment->length);
+}
+
+uint64_t scatter_bytes(const Scatter *scatter) {
+    uint64_t bytes = 0;
+    for (uint32_t o = 0; o < scatter->object_count; ++o)
+        bytes += scatter_cells_bytes(&scatter->cells[o]);
+    return bytes;
+}
+
+uint64_t scatter_cell_count(const Scatter *scatter) {
+    uint64_t count = 0;
+    for (uint32_t o = 0; o < scatter->object_count; ++o)
+        count += scatter->cells[o].cell_count;
+    return count;
+}
+
+const ScatterTally *scatter_tally(const Scatter *scatter) {
+    return &scatter->tally;
+}

@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Light that has scattered before and scatters once more inside a segment of a ray: what
+ * field_gather is for the first scattering, for all later ones, without a walk. */
+#ifndef AMB_FIELD_SCATTER_SCATTER_H
+#define AMB_FIELD_SCATTER_SCATTER_H
+
+#include "field/field.h"
+
+typedef struct Scatter Scatter;
+
+typedef struct ScatterParams {
+    uint64_t photon_count;  /* to emit, over all lights, the world and objects */
+    uint32_t light_bounces; /* internal reflections of light that has not scattered yet */
+    uint32_t order_max;     /* scatterings to follow; 0: no limit */
+    bool follows_through;   /* go on with light that leaves an object, to others behind it */
+    bool adjoint_normals;   /* see BoundaryCrossing; for light that has not scattered yet */
+    bool has_world;         /* the world's light enters media */
+    uint64_t memory_max;    /* bytes */
+    uint32_t seed;
+} ScatterParams;
+
+/* Radiance at the segment's start by the order of its last scattering, W m^-2 sr^-1, inside the
+ * medium (no n^2). */
+typedef struct ScatterRadiance {
+    Rgb once; /* light of the world alone: that of lamps is field_gather's */
+    Rgb twice, more;
+} ScatterRadiance;
+
+/* What photons did, W per channel but for the counts. */
+typedef struct ScatterTally {
+    uint64_t photon_count, collision_count;
+    double entered[3], absorbed[3], escaped[3]; /* entered = absorbed + escaped + lost */
+    double lost[3]; /* through holes, or more boundaries than a path may have */
+} ScatterTally;
+
+/* The scene must outlive it. Same result for any number of threads. */
+AmbStatus scatter_create(const AmbScene *scene, const ScatterParams *params, Job *job,
+                         Scatter **out_scatter);
+void scatter_destroy(Scatter *scatter);
+
+/* Any thread; the scatter is const. */
+ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segment);
+
+uint64_t scatter_bytes(const Scatter *scatter);
+uint64_t scatter_cell_count(const Scatter *scatter);
+const ScatterTally *scatter_tally(const Scatter *scatter);
+
+#endif

@@ -1,0 +1,411 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Cells: their places and volumes, and the radiance along a segment. */
+#include "field/scatter/scatter_cells.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+#include "base/rng.h"
+
+enum {
+    LINES_PER_CUBE = 4, /* along an edge: lines on which volumes are measured */
+    NODE_MAX = 1 << 24, /* nodes times layers */
+    CROSSING_MAX = 256  /* surfaces along one line */
+};
+
+/* Layers begin this thin, in mean free paths of the densest channel, then each is thicker than the
+ * last. */
+static const float LAYER_WIDTH = 0.25f, LAYER_GROWTH = 1.2f;
+/* Light from below this optical depth of the clearest channel is left out: exp(-9) = 1.2e-4. */
+static const float DEPTH_MAX = 9.0f;
+
+/* ---- Layers and nodes ------------------------------------------------------------------------ */
+
+/* Extinction of the clearest channel that scatters, 1/m. */
+static float clearest(const Medium *medium) {
+    const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
+    float least = INFINITY;
+    for (uint32_t i = 0; i < medium->lobe_count; ++i) {
+        const Rgb s = medium->lobes[i].sigma_s;
+        const float sigma_s[3] = {s.r, s.g, s.b};
+        for (int k = 0; k < 3; ++k)
+            if (sigma_s[k] > 0.0f)
+                least = fminf(least, sigma_t[k]);
+    }
+    return least;
+}
+
+static void place_layers(ScatterCells *cells, float radius) {
+    const float width = LAYER_WIDTH / rgb_max(cells->medium->sigma_t);
+    const float visible = fminf(DEPTH_MAX / clearest(cells->medium), radius);
+    /* The first layers are alike up to where growth sets in smoothly: width / (growth - 1). */
+    const float uniform = roundf(1.0f / logf(LAYER_GROWTH));
+    cells->layer_width = width;
+    cells->uniform_depth = uniform * width;
+    cells->log_scale = 1.0f / logf(LAYER_GROWTH);
+    while (cells->layer_count < LAYER_MAX && cells->layers[cells->layer_count] < visible) {
+        const float n = (float)(cells->layer_count + 1);
+        cells->layers[++cells->layer_count] =
+            n <= uniform ? n * width : uniform * width * powf(LAYER_GROWTH, n - uniform);
+    }
+}
+
+static void place_nodes(ScatterCells *cells, float size) {
+    const DepthGrid *depth = &cells->depth;
+    uint64_t total;
+    do {
+        total = cells->layer_count;
+        for (int k = 0; k < 3; ++k) {
+            const float extent = (float)(depth->count[k] - 1) * depth->spacing;
+            cells->count[k] = (uint32_t)(extent / size) + 2;
+            total *= cells->count[k];
+        }
+        cells->size = size;
+        size *= 1.25f;
+    } while (total > NODE_MAX);
+    cells->origin = depth->origin;
+}
+
+static uint64_t node_count(const ScatterCells *cells) {
+    return (uint64_t)cells->count[0] * cells->count[1] * cells->count[2];
+}
+
+/* The cube of p: its first node, and where in it p is. */
+typedef struct Cube {
+    uint64_t node;
+    float at[3]; /* [0,1) */
+} Cube;
+
+static bool find_cube(const ScatterCells *cells, Vec3 p, Cube *out) {
+    const Vec3 q = vec3_scale(vec3_sub(p, cells->origin), 1.0f / cells->size);
+    if (!(q.x >= 0.0f && q.y >= 0.0f && q.z >= 0.0f))
+        return false;
+    const uint32_t i = (uint32_t)q.x, j = (uint32_t)q.y, k = (uint32_t)q.z;
+    if (i + 1 >= cells->count[0] || j + 1 >= cells->count[1] || k + 1 >= cells->count[2])
+        return false;
+    out->node = ((uint64_t)k * cells->count[1] + j) * cells->count[0] + i;
+    out->at[0] = q.x - (float)i;
+    out->at[1] = q.y - (float)j;
+    out->at[2] = q.z - (float)k;
+    return true;
+}
+
+/* Node c of the eight around a cube, and its hat function there. */
+static uint64_t cube_node(const ScatterCells *cells, const Cube *cube, uint32_t c) {
+    const uint64_t nx = cells->count[0];
+    return cube->node + (c & 1) + ((c >> 1) & 1) * nx + (c >> 2) * nx * cells->count[1];
+}
+
+static float cube_hat(const Cube *cube, uint32_t c) {
+    return ((c & 1) != 0 ? cube->at[0] : 1.0f - cube->at[0]) *
+           ((c & 2) != 0 ? cube->at[1] : 1.0f - cube->at[1]) *
+           ((c & 4) != 0 ? cube->at[2] : 1.0f - cube->at[2]);
+}
+
+/* ---- Volumes --------------------------------------------------------------------------------- */
+
+typedef struct Measure {
+    const AmbScene *scene;
+    const ScatterCells *cells;
+    uint32_t object;
+    float *volumes[3]; /* m^3, by axis of the lines, node and layer */
+} Measure;
+
+/* Adds the part of a line, of cross-section `area`, between two surfaces. Steps are shorter than
+ * layers are thick and cubes are wide; far below the layers they are as long as the way to them. */
+static void measure_stretch(const Measure *measure, float *volumes, Vec3 o, Vec3 d, float length,
+                            float area) {
+    const ScatterCells *cells = measure->cells;
+    const float deepest = cells->layers[cells->layer_count];
+    const float step_max = 0.5f * cells->size;
+    float t = 0.0f;
+    while (t < length) {
+        const float depth = depth_grid_at(&cells->depth, vec3_madd(o, t, d));
+        const float free = depth_grid_free(&cells->depth, depth) - deepest;
+        float step = 0.4f * cells->layer_width;
+        step = step < 0.08f * depth ? 0.08f * depth : step;
+        step = step < step_max ? step : step_max;
+        step = step > free ? step : free;
+        step = step < length - t ? step : length - t;
+        const Vec3 p = vec3_madd(o, t + 0.5f * step, d);
+        t += step;
+        if (free > 0.0f)
+            continue;
+        const float below = depth_grid_at(&cells->depth, p);
+        const uint32_t layer = scatter_layer_at(cells, below > 0.0f ? below : 0.0f);
+        Cube cube;
+        if (layer >= cells->layer_count || !find_cube(cells, p, &cube))
+            continue;
+        for (uint32_t c = 0; c < 8; ++c)
+            volumes[cube_node(cells, &cube, c) * cells->layer_count + layer] +=
+                cube_hat(&cube, c) * area * step;
+    }
+}
+
+/* Follows a line through all boundaries: what is inside is known exactly. */
+static void measure_line(const Measure *measure, float *volumes, Vec3 o, Vec3 d, float area) {
+    const AmbScene *scene = measure->scene;
+    MediumStack stack = scene_media_at(scene, o);
+    int opaque = 0; /* solids around */
+    for (int i = 0; i < CROSSING_MAX; ++i) {
+        Hit hit;
+        if (!scene_intersect(scene, o, d, INFINITY, &hit))
+            return;
+        if (opaque == 0 && stack.count > 0 && medium_stack_top(&stack) == measure->object)
+            measure_stretch(measure, volumes, o, d, hit.t, area);
+        const SurfacePoint surface = scene_surface(scene, &hit);
+        if (surface.material->surface == AMB_SURFACE_DIELECTRIC) {
+            const BoundaryCrossing crossing = boundary_cross(scene, &stack, &surface, d);
+            if (!crossing.is_ignored)
+                stack = crossing.beyond;
+        } else {
+            opaque += vec3_dot(d, surface.ng) < 0.0f ? 1 : -1;
+            opaque = opaque > 0 ? opaque : 0;
+        }
+        o = scene_leave(&surface, d);
+    }
+}
+
+/* All lines along one axis. What lines of one axis see badly, surfaces along them, those of the
+ * others see well: each counts a third. */
+static AmbStatus measure_axis(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)end;
+    (void)thread;
+    const Measure *measure = user;
+    const ScatterCells *cells = measure->cells;
+    const int axis = (int)begin, across[2] = {(axis + 1) % 3, (axis + 2) % 3};
+    const float spacing = cells->size / (float)LINES_PER_CUBE;
+    const float area = spacing * spacing / 3.0f;
+    const Rng rng = rng_create(0, RNG_STAGE_PHOTON, (uint64_t)axis);
+    uint32_t dimension = 0;
+    const uint32_t lines[2] = {(cells->count[across[0]] - 1) * LINES_PER_CUBE,
+                               (cells->count[across[1]] - 1) * LINES_PER_CUBE};
+    for (uint32_t i = 0; i < lines[0]; ++i)
+        for (uint32_t j = 0; j < lines[1]; ++j) {
+            float from[3] = {cells->origin.x, cells->origin.y, cells->origin.z};
+            float along[3] = {0, 0, 0};
+            from[across[0]] += spacing * ((float)i + rng_float(rng, dimension++));
+            from[across[1]] += spacing * ((float)j + rng_float(rng, dimension++));
+            along[axis] = 1.0f;
+            measure_line(measure, measure->volumes[axis], vec3_from(from), vec3_from(along), area);
+        }
+    return AMB_OK;
+}
+
+/* Numbers the cells: of each node those between the first and the last layer with a volume. */
+static AmbStatus number_cells(const Measure *measure, ScatterCells *cells) {
+    const uint64_t count = node_count(cells);
+    const uint32_t layers = cells->layer_count;
+    float *const *v = measure->volumes;
+    for (uint64_t i = 0; i < count * layers; ++i)
+        v[0][i] += v[1][i] + v[2][i];
+    for (uint64_t n = 0; n < count; ++n) {
+        CellColumn *column = &cells->columns[n];
+        column->first = (uint32_t)cells->cell_count;
+        for (uint32_t layer = 0; layer < layers; ++layer)
+            if (v[0][n * layers + layer] > 0.0f) {
+                if (column->high == 0)
+                    column->low = (uint16_t)layer;
+                column->high = (uint16_t)(layer + 1);
+            }
+        cells->cell_count += column->high - column->low;
+    }
+    cells->volumes = memory_alloc_array(cells->cell_count, sizeof *cells->volumes);
+    if (cells->volumes == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
+    for (uint64_t n = 0; n < count; ++n) {
+        const CellColumn *column = &cells->columns[n];
+        for (uint32_t layer = column->low; layer < column->high; ++layer)
+            cells->volumes[column->first + layer - column->low] = v[0][n * layers + layer];
+    }
+    return AMB_OK;
+}
+
+static AmbStatus measure_volumes(const AmbScene *scene, uint32_t object, Job *job,
+                                 ScatterCells *cells) {
+    const uint64_t count = node_count(cells) * cells->layer_count;
+    Measure measure = {.scene = scene, .cells = cells, .object = object};
+    AmbStatus status = AMB_OK;
+    cells->columns = memory_zero_array(node_count(cells), sizeof *cells->columns);
+    for (int axis = 0; axis < 3; ++axis) {
+        measure.volumes[axis] = memory_zero_array(count, sizeof(float));
+        if (measure.volumes[axis] == NULL || cells->columns == NULL)
+            status = status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
+    }
+    if (status == AMB_OK)
+        status = parallel_for(job, 3, 1, measure_axis, &measure);
+    if (status == AMB_OK)
+        status = number_cells(&measure, cells);
+    for (int axis = 0; axis < 3; ++axis)
+        memory_free(measure.volumes[axis]);
+    return status;
+}
+
+AmbStatus scatter_cells_build(const AmbScene *scene, uint32_t object, uint32_t degree, float size,
+                              uint32_t slot_count, Job *job, ScatterCells *out_cells) {
+    memset(out_cells, 0, sizeof *out_cells);
+    const SceneObject *shape = &scene->objects[object];
+    out_cells->medium = &scene->materials[shape->inside].medium;
+    out_cells->harmonics = harmonics_create(degree);
+    out_cells->slot_count = slot_count;
+    out_cells->float_count = slot_count * harmonic_count(degree) * 4;
+    AMB_TRY(depth_grid_build(scene, object, job, &out_cells->depth));
+    place_layers(out_cells, shape->radius);
+    place_nodes(out_cells, size);
+    return measure_volumes(scene, object, job, out_cells);
+}
+
+void scatter_cells_clear(ScatterCells *cells) {
+    depth_grid_clear(&cells->depth);
+    memory_free(cells->columns);
+    memory_free(cells->volumes);
+    memory_free(cells->moments);
+    memset(cells, 0, sizeof *cells);
+}
+
+uint64_t scatter_cells_bytes(const ScatterCells *cells) {
+    if (cells->columns == NULL)
+        return 0;
+    return depth_grid_bytes(&cells->depth) + node_count(cells) * sizeof *cells->columns +
+           cells->cell_count * (sizeof *cells->volumes + cells->float_count * sizeof(float));
+}
+
+/* ---- Adding ---------------------------------------------------------------------------------- */
+
+bool scatter_cells_add(const ScatterCells *cells, float *moments, uint32_t slot, Vec3 p,
+                       uint32_t layer, Rgb stretch, const float *harmonics, const float u[3]) {
+    Cube cube;
+    if (!find_cube(cells, p, &cube))
+        return false;
+    const uint32_t c = (u[0] < cube.at[0] ? 1u : 0u) | (u[1] < cube.at[1] ? 2u : 0u) |
+                       (u[2] < cube.at[2] ? 4u : 0u);
+    const CellColumn column = cells->columns[cube_node(cells, &cube, c)];
+    if (layer < column.low || layer >= column.high)
+        return false;
+    const uint32_t count = harmonic_count(cells->harmonics.degree);
+    const uint64_t cell = column.first + layer - column.low;
+    float *out = moments + cell * cells->float_count + (uint64_t)slot * count * 4;
+    for (uint32_t i = 0; i < count; ++i) {
+        out[4 * i] += harmonics[i] * stretch.r;
+        out[4 * i + 1] += harmonics[i] * stretch.g;
+        out[4 * i + 2] += harmonics[i] * stretch.b;
+    }
+    return true;
+}
+
+/* ---- Gathering ------------------------------------------------------------------------------- */
+
+/* What a moment adds to the radiance scattered into one direction, per metre:
+ *   sigma_s p(w . wo) = sum over l, m of (sum over lobes of sigma_s g^l) Y_lm(wo) Y_lm(w). */
+static void scatter_weights(const ScatterCells *cells, Vec3 wo, float weights[][4]) {
+    float values[HARMONIC_COUNT_MAX];
+    harmonics_evaluate(&cells->harmonics, wo, values);
+    Rgb lobes[AMB_PHASE_LOBE_MAX];
+    const Medium *medium = cells->medium;
+    for (uint32_t j = 0; j < medium->lobe_count; ++j)
+        lobes[j] = medium->lobes[j].sigma_s;
+    for (uint32_t l = 0, i = 0; l <= cells->harmonics.degree; ++l) {
+        Rgb sum = {0, 0, 0};
+        for (uint32_t j = 0; j < medium->lobe_count; ++j) {
+            sum = rgb_add(sum, lobes[j]);
+            lobes[j] = rgb_scale(lobes[j], medium->lobes[j].g);
+        }
+        for (; i < harmonic_count(l); ++i) {
+            weights[i][0] = values[i] * sum.r;
+            weights[i][1] = values[i] * sum.g;
+            weights[i][2] = values[i] * sum.b;
+            weights[i][3] = 0.0f;
+        }
+    }
+}
+
+/* Radiance scattered per metre at one depth, by slot: moments over volumes of the nodes around,
+ * each in proportion to its volume too, so that slivers say little. False: no cell. */
+static bool sample_layer(const ScatterCells *cells, const Cube *cube, uint32_t layer,
+                         const float (*weights)[4], float out[SLOT_MAX][4]) {
+    const uint32_t count = harmonic_count(cells->harmonics.degree);
+    float volume = 0.0f;
+    memset(out, 0, SLOT_MAX * sizeof *out);
+    for (uint32_t c = 0; c < 8; ++c) {
+        const CellColumn column = cells->columns[cube_node(cells, cube, c)];
+        if (layer < column.low || layer >= column.high)
+            continue;
+        const uint64_t cell = column.first + layer - column.low;
+        const float hat = cube_hat(cube, c);
+        volume += hat * cells->volumes[cell];
+        const float *m = cells->moments + cell * cells->float_count;
+        for (uint32_t s = 0; s < cells->slot_count; ++s) {
+            float sum[4] = {0, 0, 0, 0};
+            for (uint32_t i = 0; i < count; ++i, m += 4)
+                for (int k = 0; k < 4; ++k)
+                    sum[k] += weights[i][k] * m[k];
+            for (int k = 0; k < 4; ++k)
+                out[s][k] += hat * sum[k];
+        }
+    }
+    if (!(volume > 0.0f))
+        return false;
+    for (uint32_t s = 0; s < cells->slot_count; ++s)
+        for (int k = 0; k < 4; ++k)
+            out[s][k] /= volume;
+    return true;
+}
+
+static float layer_middle(const ScatterCells *cells, uint32_t layer) {
+    return 0.5f * (cells->layers[layer] + cells->layers[layer + 1]);
+}
+
+/* Linear in depth between the middles of layers, and on to the boundary beyond the first. */
+static void sample_source(const ScatterCells *cells, Vec3 p, const float (*weights)[4],
+                          float out[SLOT_MAX][4]) {
+    memset(out, 0, SLOT_MAX * sizeof *out);
+    Cube cube;
+    const float depth = fmaxf(depth_grid_at(&cells->depth, p), 0.0f);
+    uint32_t layer = scatter_layer_at(cells, depth);
+    if (layer >= cells->layer_count || !find_cube(cells, p, &cube))
+        return;
+    if (layer > 0 && (depth < layer_middle(cells, layer) || layer + 1 == cells->layer_count))
+        --layer;
+    float next[SLOT_MAX][4];
+    const bool is_here = sample_layer(cells, &cube, layer, weights, out);
+    if (layer + 1 >= cells->layer_count || !sample_layer(cells, &cube, layer + 1, weights, next))
+        return;
+    const float from = layer_middle(cells, layer), to = layer_middle(cells, layer + 1);
+    const float x = is_here ? (depth - from) / (to - from) : 1.0f;
+    for (uint32_t s = 0; s < cells->slot_count; ++s)
+        for (int k = 0; k < 4; ++k)
+            out[s][k] += x * (next[s][k] - out[s][k]);
+}
+
+/* int exp(-sigma t) dt over a step. */
+static float step_weight(float sigma, float from, float step) {
+    const float x = sigma * step;
+    return expf(-sigma * from) * (x > 1e-4f ? -expm1f(-x) / sigma : step);
+}
+
+ScatterRadiance scatter_cells_gather(const ScatterCells *cells, Vec3 o, Vec3 d, float length) {
+    float weights[HARMONIC_COUNT_MAX][4];
+    scatter_weights(cells, vec3_negate(d), weights);
+    const Rgb sigma_t = cells->medium->sigma_t;
+    const float dense = rgb_max(sigma_t);
+    const float end = fminf(length, DEPTH_MAX / clearest(cells->medium));
+    float sum[SLOT_MAX][4] = {{0}};
+    for (float t = 0.0f; t < end;) {
+        const float step = fminf(fminf(fmaxf(0.25f / dense, 0.3f * t), cells->size), end - t);
+        /* Where the densest channel's light of the step comes from, on average. */
+        const float x = dense * step;
+        const float middle =
+            x > 1e-2f ? t + (1.0f - x / expm1f(x)) / dense : t + (0.5f - x / 12.0f) * step;
+        float source[SLOT_MAX][4];
+        sample_source(cells, vec3_madd(o, middle, d), (const float(*)[4])weights, source);
+        const float w[3] = {step_weight(sigma_t.r, t, step), step_weight(sigma_t.g, t, step),
+                            step_weight(sigma_t.b, t, step)};
+        for (uint32_t s = 0; s < cells->slot_count; ++s)
+            for (int k = 0; k < 3; ++k)
+                sum[s][k] += w[k] * source[s][k];
+        t += step;
+    }
+    return (ScatterRadiance){.twice = rgb_from(sum[0]),
+                             .more = rgb_from(sum[1]),
+                             .once = cells->slot_count > 2 ? rgb_from(sum[2]) : rgb(0, 0, 0)};
+}

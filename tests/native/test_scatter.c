@@ -1,0 +1,274 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Photons and the cells that keep them: harmonics, depths and volumes against closed forms, flux
+ * balance, a white furnace, and media whose channels differ against grey ones. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "field/scatter/scatter.h"
+#include "field/scatter/scatter_cells.h"
+#include "shapes.h"
+#include "test.h"
+
+static const double PI = 3.14159265358979323846;
+enum { RAYS = 400 };
+
+static Vec3 random_direction(uint64_t *state) {
+    const Sample2 u = {(float)test_uniform(state, 0.0, 1.0), (float)test_uniform(state, 0.0, 1.0)};
+    return sample_cap(u, 2.0f);
+}
+
+/* ---- Harmonics ------------------------------------------------------------------------------- */
+
+static double legendre(uint32_t degree, double x) {
+    double below = 1.0, p = degree == 0 ? 1.0 : x;
+    for (uint32_t l = 2; l <= degree; ++l) {
+        const double next = ((2.0 * l - 1.0) * x * p - (l - 1.0) * below) / l;
+        below = p;
+        p = next;
+    }
+    return p;
+}
+
+static void addition_theorem(void) {
+    uint64_t state = 1;
+    const Harmonics harmonics = harmonics_create(HARMONIC_DEGREE_MAX);
+    double worst = 0.0;
+    for (int i = 0; i < 200; ++i) {
+        const Vec3 a = random_direction(&state), b = random_direction(&state);
+        float ya[HARMONIC_COUNT_MAX] = {0}, yb[HARMONIC_COUNT_MAX] = {0};
+        harmonics_evaluate(&harmonics, a, ya);
+        harmonics_evaluate(&harmonics, b, yb);
+        for (uint32_t l = 0, j = 0; l <= HARMONIC_DEGREE_MAX; ++l) {
+            double sum = 0.0;
+            for (; j < harmonic_count(l); ++j)
+                sum += (double)ya[j] * (double)yb[j];
+            const double expected =
+                (2.0 * l + 1.0) / (4.0 * PI) * legendre(l, (double)vec3_dot(a, b));
+            worst = test_worse(worst, fabs(sum - expected));
+        }
+    }
+    ENSURE_NEAR(worst, 0.0, 5e-6);
+}
+
+/* ---- Scenes ---------------------------------------------------------------------------------- */
+
+/* A unit sphere in a uniform world of radiance 1, built for tracing. */
+static AmbScene *furnace(AmbMaterial material) {
+    AmbScene *scene = NULL;
+    ENSURE_STATUS(amb_scene_create(&scene), AMB_OK);
+    uint32_t id = 0;
+    ENSURE_STATUS(amb_scene_add_material(scene, &material, &id), AMB_OK);
+    Shape shape = shape_sphere(48, 96);
+    const AmbMesh mesh = shape_mesh(&shape, "sphere", true);
+    shape_add(scene, &mesh, id, 1.0f, 0.0f, 0.0f, 0.0f);
+    shape_free(&shape);
+    const float world[3] = {1, 1, 1};
+    ENSURE_STATUS(amb_scene_set_world(scene, world), AMB_OK);
+    AmbCamera camera;
+    amb_camera_init(&camera, AMB_CAMERA_PERSPECTIVE);
+    ENSURE_STATUS(amb_scene_set_camera(scene, &camera), AMB_OK);
+    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+    Job job;
+    job_init(&job, 1);
+    ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
+    return scene;
+}
+
+static ScatterParams world_params(uint64_t photons) {
+    return (ScatterParams){
+        .photon_count = photons, .light_bounces = 64, .has_world = true, .seed = 1};
+}
+
+static Scatter *trace(const AmbScene *scene, const ScatterParams *params, uint32_t threads) {
+    Job job;
+    job_init(&job, threads);
+    Scatter *scatter = NULL;
+    ENSURE_STATUS(scatter_create(scene, params, &job, &scatter), AMB_OK);
+    return scatter;
+}
+
+/* Mean over places and directions of the radiance that arrives at the boundary from inside. */
+static ScatterRadiance mean_radiance(const AmbScene *scene, const Scatter *scatter) {
+    uint64_t state = 5;
+    ScatterRadiance sum = {.once = {0, 0, 0}};
+    for (int i = 0; i < RAYS; ++i) {
+        const Vec3 out = random_direction(&state);
+        Vec3 d = random_direction(&state);
+        Hit hit;
+        ENSURE(scene_intersect(scene, vec3_scale(out, 1.5f), vec3_negate(out), INFINITY, &hit));
+        const SurfacePoint surface = scene_surface(scene, &hit);
+        if (vec3_dot(d, surface.ng) > 0.0f)
+            d = vec3_negate(d);
+        const Vec3 o = scene_leave(&surface, d);
+        ENSURE(scene_intersect(scene, o, d, INFINITY, &hit));
+        const FieldSegment segment = {o, d, hit.t, 0};
+        const ScatterRadiance radiance = scatter_gather(scatter, &segment);
+        sum.once = rgb_add(sum.once, rgb_scale(radiance.once, 1.0f / RAYS));
+        sum.twice = rgb_add(sum.twice, rgb_scale(radiance.twice, 1.0f / RAYS));
+        sum.more = rgb_add(sum.more, rgb_scale(radiance.more, 1.0f / RAYS));
+    }
+    return sum;
+}
+
+static Rgb total_of(const ScatterRadiance *radiance) {
+    return rgb_add(rgb_add(radiance->once, radiance->twice), radiance->more);
+}
+
+/* ---- Cells ----------------------------------------------------------------------------------- */
+
+static void depths_of_a_sphere(void) {
+    AmbScene *scene = furnace(shape_resin(1.5f, 4.0f, 0.0f, 0.0f));
+    Job job;
+    job_init(&job, 1);
+    DepthGrid grid;
+    ENSURE_STATUS(depth_grid_build(scene, 0, &job, &grid), AMB_OK);
+    uint64_t state = 2;
+    double worst = 0.0, excess = -1.0;
+    for (int i = 0; i < 4000; ++i) {
+        const double radius = cbrt(test_uniform(&state, 0.0, 1.0));
+        const Vec3 p = vec3_scale(random_direction(&state), (float)radius);
+        const float depth = depth_grid_at(&grid, p);
+        /* The mesh lies up to 1.1e-3 below the sphere. */
+        worst = test_worse(worst, fabs((double)depth - (1.0 - radius)));
+        excess = test_worse(excess, (double)depth_grid_free(&grid, depth) - (0.9989 - radius));
+    }
+    /* Around the centre, where the distance has an edge. */
+    ENSURE_NEAR(worst, 0.0, 0.9 * (double)grid.spacing);
+    ENSURE(excess <= 0.0);
+    depth_grid_clear(&grid);
+    amb_scene_destroy(scene);
+}
+
+/* Hat functions add up to 1: so do volumes to that of the layers. */
+static void volumes_of_a_sphere(void) {
+    AmbScene *scene = furnace(shape_resin(1.5f, 20.0f, 0.0f, 0.0f));
+    Job job;
+    job_init(&job, 1);
+    ScatterCells cells;
+    ENSURE_STATUS(scatter_cells_build(scene, 0, 0, 0.1f, 2, &job, &cells), AMB_OK);
+    double sum = 0.0;
+    for (uint64_t i = 0; i < cells.cell_count; ++i)
+        sum += (double)cells.volumes[i];
+    const double inner = 1.0 - (double)cells.layers[cells.layer_count];
+    ENSURE(inner > 0.3 && inner < 0.6);
+    const double expected = 4.0 / 3.0 * PI * (1.0 - inner * inner * inner);
+    ENSURE_NEAR(sum / expected, 1.0, 8e-3);
+    scatter_cells_clear(&cells);
+    amb_scene_destroy(scene);
+}
+
+/* ---- Photons --------------------------------------------------------------------------------- */
+
+/* A sphere of index 1.5 takes in pi A (1 - 0.091778) of diffuse light. */
+static void flux_is_kept(void) {
+    const double albedos[2] = {1.0, 0.8};
+    for (int i = 0; i < 2; ++i) {
+        const float sigma_s = (float)(4.0 * albedos[i]);
+        AmbScene *scene = furnace(shape_resin(1.5f, sigma_s, 4.0f - sigma_s, 0.5f));
+        const ScatterParams params = world_params(20000);
+        Scatter *scatter = trace(scene, &params, 1);
+        const ScatterTally *tally = scatter_tally(scatter);
+        ENSURE_NEAR(tally->entered[1] / (4.0 * PI * PI * (1.0 - 0.091778)), 1.0, 4e-3);
+        ENSURE_NEAR((tally->absorbed[1] + tally->escaped[1]) / tally->entered[1], 1.0,
+                    i == 0 ? 1e-5 : 5e-3);
+        ENSURE_NEAR(tally->lost[1], 0.0, 0.0);
+        if (i == 0)
+            ENSURE_NEAR(tally->absorbed[1] / tally->entered[1], 0.0, 1e-5);
+        scatter_destroy(scatter);
+        amb_scene_destroy(scene);
+    }
+}
+
+/* Where nothing is absorbed radiance inside is n^2 times the world's, whatever the medium: what
+ * has not scattered is the rest. */
+static void white_furnace(void) {
+    const struct {
+        float sigma, g, ior;
+    } cases[3] = {{4.0f, 0.0f, 1.5f}, {10.0f, 0.6f, 1.3f}, {30.0f, 0.0f, 2.0f}};
+    for (int i = 0; i < 3; ++i) {
+        AmbScene *scene = furnace(shape_resin(cases[i].ior, cases[i].sigma, 0.0f, cases[i].g));
+        const ScatterParams params = world_params(30000);
+        Scatter *scatter = trace(scene, &params, 1);
+        const ScatterRadiance mean = mean_radiance(scene, scatter);
+        /* Mean over cosines of 1 - exp(-sigma 2 cos). */
+        const double x = 2.0 * (double)cases[i].sigma;
+        const double scattered = 1.0 - (1.0 - exp(-x)) / x;
+        const double n2 = (double)(cases[i].ior * cases[i].ior);
+        ENSURE_NEAR((double)total_of(&mean).g / (n2 * scattered), 1.0, 0.02);
+        ENSURE(mean.once.g > 0.0f && mean.twice.g > 0.0f && mean.more.g > mean.twice.g);
+        scatter_destroy(scatter);
+        amb_scene_destroy(scene);
+    }
+}
+
+/* Channels that share their photons' paths get what each would get alone. */
+static void channels_are_media_of_their_own(void) {
+    const float sigma_s[3] = {8.0f, 4.0f, 5.0f}, sigma_a[3] = {0.1f, 0.4f, 0.0f};
+    AmbMaterial material = shape_resin(1.4f, 1.0f, 0.0f, 0.3f);
+    memcpy(material.sigma_a, sigma_a, sizeof sigma_a);
+    memcpy(material.lobes[0].sigma_s, sigma_s, sizeof sigma_s);
+    AmbScene *scene = furnace(material);
+    const ScatterParams params = world_params(20000);
+    Scatter *scatter = trace(scene, &params, 1);
+    const ScatterRadiance mean = mean_radiance(scene, scatter);
+    const double together[3] = {(double)total_of(&mean).r, (double)total_of(&mean).g,
+                                (double)total_of(&mean).b};
+    scatter_destroy(scatter);
+    amb_scene_destroy(scene);
+    for (int k = 0; k < 3; ++k) {
+        scene = furnace(shape_resin(1.4f, sigma_s[k], sigma_a[k], 0.3f));
+        scatter = trace(scene, &params, 1);
+        const ScatterRadiance alone = mean_radiance(scene, scatter);
+        ENSURE_NEAR(together[k] / (double)total_of(&alone).r, 1.0, 0.03);
+        scatter_destroy(scatter);
+        amb_scene_destroy(scene);
+    }
+}
+
+static void threads_do_not_matter(void) {
+    AmbScene *scene = furnace(shape_resin(1.5f, 6.0f, 0.1f, 0.0f));
+    const ScatterParams params = world_params(3000);
+    Scatter *one = trace(scene, &params, 1), *three = trace(scene, &params, 3);
+    const ScatterRadiance a = mean_radiance(scene, one), b = mean_radiance(scene, three);
+    ENSURE_NEAR(a.once.g, b.once.g, 0.0);
+    ENSURE_NEAR(a.twice.g, b.twice.g, 0.0);
+    ENSURE_NEAR(a.more.g, b.more.g, 0.0);
+    ENSURE_NEAR(scatter_tally(one)->absorbed[0], scatter_tally(three)->absorbed[0], 0.0);
+    ENSURE_NEAR(scatter_tally(one)->collision_count, scatter_tally(three)->collision_count, 0.0);
+    scatter_destroy(one);
+    scatter_destroy(three);
+    amb_scene_destroy(scene);
+}
+
+static void failures_leave_nothing(void) {
+    AmbScene *scene = furnace(shape_resin(1.5f, 6.0f, 0.1f, 0.0f));
+    ScatterParams params = world_params(100);
+    Job job;
+    job_init(&job, 2);
+    Scatter *scatter = NULL;
+    params.memory_max = 1 << 20;
+    ENSURE_STATUS(scatter_create(scene, &params, &job, &scatter), AMB_OUT_OF_MEMORY);
+    params.memory_max = 0;
+    for (int64_t n = 0; n < 12; ++n) {
+        memory_fail_after(n);
+        ENSURE_STATUS(scatter_create(scene, &params, &job, &scatter), AMB_OUT_OF_MEMORY);
+        memory_fail_after(-1);
+    }
+    atomic_store(&job.cancelled, true);
+    ENSURE_STATUS(scatter_create(scene, &params, &job, &scatter), AMB_CANCELLED);
+    ENSURE(scatter == NULL);
+    amb_scene_destroy(scene);
+}
+
+void test_scatter(void);
+void test_scatter(void) {
+    RUN(addition_theorem);
+    RUN(depths_of_a_sphere);
+    RUN(volumes_of_a_sphere);
+    RUN(flux_is_kept);
+    RUN(white_furnace);
+    RUN(channels_are_media_of_their_own);
+    RUN(threads_do_not_matter);
+    RUN(failures_leave_nothing);
+}
