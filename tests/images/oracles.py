@@ -436,3 +436,117 @@ def matched_sphere_flux(optical_radius: float) -> float:
     """The closed form of ``sphere_flux`` for n = 1."""
     t = optical_radius
     return float(1 - (1 - (1 + 2 * t) * np.exp(-2 * t)) / (2 * t * t))
+
+
+# ---- More than one scattering -------------------------------------------------------------------
+
+
+def sun_disc(axis: ArrayLike, radius: float, nodes: int = 24) -> tuple[Array, Array]:
+    """Directions (n, 3) of a sun of this angular radius and their shares of its irradiance across
+    the axis, which sum to 1 when weighted with the cosine from it; its radiance is uniform."""
+    z = np.asarray(axis, dtype=np.float64)
+    z = z / np.linalg.norm(z)
+    x = np.cross(z, (0.0, 1.0, 0.0) if abs(z[1]) < 0.9 else (1.0, 0.0, 0.0))
+    x /= np.linalg.norm(x)
+    u, weight = _gauss(nodes)
+    half = (1 - np.cos(radius)) / 2
+    cosine = (1 - half + half * u)[:, None]
+    turn = 2 * np.pi * (np.arange(2 * nodes) + 0.5)[None] / (2 * nodes)
+    sine = np.sqrt(1 - cosine**2)
+    parts = (sine * np.cos(turn), sine * np.sin(turn), cosine + 0 * turn)
+    basis = (x, np.cross(z, x), z)
+    directions = sum(p[..., None] * b for p, b in zip(parts, basis, strict=True))
+    solid = np.repeat(half * weight * np.pi / nodes, 2 * nodes)
+    return np.asarray(directions).reshape(-1, 3), solid / (np.pi * np.sin(radius) ** 2)
+
+
+def chandrasekhar_h(mu: ArrayLike, albedo: float, nodes: int = 64) -> Array:
+    """H of the isotropic half-space: 1/H = sqrt(1 - a) + a/2 int x H(x) / (mu + x) dx."""
+    u, weight = _gauss(nodes)
+    x, w = (1 + u) / 2, weight / 2
+    h = np.ones(nodes)
+    start = np.sqrt(1 - albedo)
+    for _ in range(100):
+        # The mean: plain iteration turns a wrong scale of H at albedo 1 into its inverse for ever.
+        h = np.sqrt(h / (start + albedo / 2 * np.sum(w * x * h / (x[:, None] + x), axis=1)))
+    m = np.atleast_1d(np.asarray(mu, dtype=np.float64))
+    return 1 / (start + albedo / 2 * np.sum(w * x * h / (m[:, None] + x), axis=1))
+
+
+def half_space(mu: float, mu0: ArrayLike, albedo: float) -> tuple[Array, Array, Array]:
+    """Radiance of an isotropic half-space of index 1 under a sun of unit irradiance: order 1,
+    order 2 and all orders; cosines outside of view and light."""
+    m0 = np.atleast_1d(np.asarray(mu0, dtype=np.float64))
+    one = m0 * albedo / (4 * np.pi * (mu + m0))
+    two = one * albedo / 2 * (mu * np.log1p(1 / mu) + m0 * np.log1p(1 / m0))
+    every = one * chandrasekhar_h(mu, albedo) * chandrasekhar_h(m0, albedo)
+    return one, two, every
+
+
+def slab_orders_of_world(tau: float, albedo: float, mu: float, last: int) -> list[float]:
+    """Radiance by order, 0 .. last, of an isotropic slab of index 1 in a surround of radiance 1.
+
+    The source function of order k is S_k(t) = albedo/2 int S_(k-1)(t') E1|t - t'| dt', with
+    S_1(t) = albedo/2 (E2(t) + E2(tau - t)); cosine mu of the view.
+    """
+    nodes = 200
+    u, weight = _gauss(nodes)
+    t, w = tau * (1 + u) / 2, tau * weight / 2
+    # E1 is singular where t' = t: the source at t is taken out, and its integral is elementary.
+    kernel = _exponential_integral(np.abs(t[:, None] - t) + np.eye(nodes)) * w
+    np.fill_diagonal(kernel, 0.0)
+    whole = 2 - _second_integral(t) - _second_integral(tau - t)
+    source = albedo / 2 * (_second_integral(t) + _second_integral(tau - t))
+    orders = [float(np.exp(-tau / mu))]
+    for _ in range(last):
+        orders.append(float(np.sum(w * source * np.exp(-t / mu)) / mu))
+        source = albedo / 2 * (kernel @ source + (whole - kernel.sum(axis=1)) * source)
+    return orders
+
+
+def _exponential_integral(x: Array) -> Array:
+    """E1(x) = int_0^1 exp(-x/m) / m dm, by m = exp(-v): int exp(-x e^v) dv."""
+    u, weight = _gauss(160)
+    # exp(-x e^v) is done for where x e^v = 40.
+    top = np.maximum(np.log(40 / np.maximum(x, 1e-300)), 0.0)
+    v = top[..., None] * (1 + u) / 2
+    return np.sum(weight / 2 * np.exp(-x[..., None] * np.exp(v)), axis=-1) * top
+
+
+def _second_integral(x: Array) -> Array:
+    """E2(x) = exp(-x) - x E1(x)."""
+    return np.exp(-x) - x * _exponential_integral(x)
+
+
+def infinite_medium(offset: float, start: float, albedo: float) -> tuple[float, float]:
+    """Orders 1 and 2 seen along the line (-start, offset) -> +x in an infinite isotropic medium of
+    sigma_t = 1 and index 1, around a point of one watt at the origin.
+
+    phi_1(r) = albedo/(2 r) int r' phi_0(r') [E1|r - r'| - E1(r + r')] dr', phi_0 = e^-r/(4 pi r^2);
+    order k + 1 is the integral of albedo phi_k e^-t / (4 pi) along the line.
+    """
+    u, weight = _gauss(64)
+    x, w = (1 + u) / 2, weight / 2
+
+    def once(r: Array) -> Array:
+        # Split at r' = r, where E1 has a logarithm: r' = r -+ r x^2 on both sides.
+        total = np.zeros_like(r)
+        for i, radius in enumerate(r):
+            inner, inner_weight = radius * (1 - x**4), radius * 4 * x**3 * w
+            outer = radius + 40 * x**4
+            outer_weight = 40 * 4 * x**3 * w
+            for q, q_weight in ((inner, inner_weight), (outer, outer_weight)):
+                bracket = _exponential_integral(np.abs(radius - q)) - _exponential_integral(
+                    radius + q
+                )
+                total[i] += np.sum(q_weight * np.exp(-q) / (4 * np.pi * q) * bracket)
+        return albedo / (2 * r) * total
+
+    v, path = _gauss(96)
+    along = 20 * (1 + v) / 2
+    place = np.hypot(offset, along - start)
+    path = albedo / (4 * np.pi) * 10 * path * np.exp(-along)
+    return (
+        float(np.sum(path * np.exp(-place) / (4 * np.pi * place**2))),
+        float(np.sum(path * once(place))),
+    )

@@ -15,14 +15,18 @@ from oracles import (
     SphereMedium,
     axis_spread,
     fresnel,
+    half_space,
     henyey_greenstein,
+    infinite_medium,
     matched_sphere,
     matched_sphere_flux,
     refract,
     refracting_sphere,
     refracting_sphere_by_points,
+    slab_orders_of_world,
     slab_spread,
     sphere_flux,
+    sun_disc,
 )
 
 DOWN = np.array([0.0, 0.0, 1.0])
@@ -145,3 +149,34 @@ def test_flux_fractions() -> None:
     assert sphere_flux(np.inf, 1.5, reflections=False) == pytest.approx(0.90822204, abs=6e-9)
     assert sphere_flux(1, 1.5, reflections=False) == pytest.approx(0.75181435, abs=6e-9)
     assert sphere_flux(1, 1.5, reflections=True) == pytest.approx(0.76337431, abs=6e-9)
+
+
+def test_half_space_numbers() -> None:
+    one, two, every = (float(x[0]) for x in half_space(0.7, 0.5, 1.0))
+    assert one == pytest.approx(0.03315728, abs=5e-9)
+    assert two == pytest.approx(0.01940394, abs=5e-9)
+    # H of the conservative half-space, printed in every textbook: H(.5) 2.01278, H(.7) 2.37397.
+    assert every == pytest.approx(one * 2.01278 * 2.37397, rel=1e-4)
+    # Few scatterings are all where albedo is small.
+    one, two, every = (float(x[0]) for x in half_space(0.7, 0.5, 0.01))
+    assert every == pytest.approx(one + two, rel=1e-4)
+
+
+def test_infinite_medium_numbers() -> None:
+    one, two = infinite_medium(offset=0.5, start=2.0, albedo=1.0)
+    assert one == pytest.approx(0.002542684, abs=2e-9)
+    assert two == pytest.approx(0.00245407, abs=1e-8)
+
+
+def test_orders_of_the_world_sum_to_it() -> None:
+    """A white slab cannot be told from its surround."""
+    orders = slab_orders_of_world(tau=2.0, albedo=1.0, mu=0.7, last=150)
+    assert min(orders) > 0
+    assert sum(orders) == pytest.approx(1, abs=1e-10)
+
+
+def test_sun_disc() -> None:
+    direction, share = sun_disc((0.6, 0.0, -0.8), 0.3)
+    mean = share @ direction
+    assert np.allclose(mean, (0.6, 0, -0.8), atol=1e-12)
+    assert np.allclose(np.linalg.norm(direction, axis=1), 1)

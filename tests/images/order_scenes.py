@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Scenes whose orders of scattering are known, and how the independent path tracer is asked.
+
+One description goes both to the tracer (tests/oracle/order_tracer.c) and to the library. Lamps
+are rectangles of uniform radiance: their meaning is the same in both, whatever their size, and
+paths that are led by nothing find them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from api import ROOT, Medium, _ffi, add_body, handles, look, rgb
+from meshes import Mesh, box, bumpy_sphere, icosphere
+from numpy.typing import NDArray
+
+TRACER = Path(os.environ.get("AMBERLIGHT_TRACER", ROOT / "build/dev/tests/order_tracer"))
+REFERENCES = Path(__file__).resolve().parent / "references"
+ORDERS = ["0", "1", "2", "3", "4+", "1+"]
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """``window``: full width and height, at distance 1 where it is a pinhole, else in metres."""
+
+    eye: Triple
+    forward: Triple
+    up: Triple
+    window: tuple[float, float]
+    is_pinhole: bool = True
+
+    def add_to(self, scene: handles.Scene) -> None:
+        width, height = self.window
+        scene.set_camera(
+            _ffi.AMB_CAMERA_PERSPECTIVE if self.is_pinhole else _ffi.AMB_CAMERA_ORTHOGRAPHIC,
+            look(self.eye, self.forward, self.up).tolist(),
+            window=(-width / 2, width / 2, -height / 2, height / 2),
+            clip_start=1e-3,
+            clip_end=1e3,
+        )
+
+    def text(self) -> str:
+        kind = "perspective" if self.is_pinhole else "orthographic"
+        return f"{kind} {_row(self.eye, self.forward, self.up, self.window)}"
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """A one-sided rectangle that faces the origin."""
+
+    position: Triple
+    size: tuple[float, float]
+    radiance: float
+
+    @property
+    def axis(self) -> NDArray[np.float64]:
+        return -np.array(self.position) / np.linalg.norm(self.position)
+
+    @property
+    def tangent(self) -> NDArray[np.float64]:
+        across = np.cross(self.axis, (0.0, 0.0, 1.0))
+        return across / np.linalg.norm(across)
+
+    def add_to(self, scene: handles.Scene) -> None:
+        scene.add_light(
+            _ffi.AMB_LIGHT_AREA,
+            "lamp",
+            color=rgb(self.radiance),
+            position=rgb(self.position),
+            direction=self.axis.tolist(),
+            tangent=self.tangent.tolist(),
+            size=self.size,
+        )
+
+    def text(self) -> str:
+        place = _row(self.position, self.axis, self.tangent, self.size)
+        return f"rectangle {place} {self.radiance!r}"
+
+
+@dataclass(frozen=True)
+class Sun:
+    """``radius``: angular, radians; ``irradiance`` on a plane across the axis."""
+
+    direction: Triple
+    radius: float
+    irradiance: float
+
+    def add_to(self, scene: handles.Scene) -> None:
+        scene.add_light(
+            _ffi.AMB_LIGHT_SUN,
+            "sun",
+            color=rgb(self.irradiance),
+            direction=rgb(self.direction),
+            angle=2 * self.radius,
+        )
+
+    def text(self) -> str:
+        radiance = self.irradiance / (np.pi * np.sin(self.radius) ** 2)
+        return f"sun {_row(self.direction, (self.radius, radiance))}"
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A sphere of uniform radiance; to the library a lamp of the same intensity and radius."""
+
+    position: Triple
+    radius: float
+    intensity: float
+
+    def add_to(self, scene: handles.Scene) -> None:
+        scene.add_light(
+            _ffi.AMB_LIGHT_POINT,
+            "lamp",
+            color=rgb(self.intensity),
+            position=rgb(self.position),
+            radius=self.radius,
+        )
+
+    def text(self) -> str:
+        radiance = self.intensity / (np.pi * self.radius**2)
+        return f"sphere {_row(self.position, (self.radius, radiance))}"
+
+
+@dataclass(frozen=True)
+class OrderScene:
+    """One body in vacuum, seen in ``regions`` = (columns, rows) of the window."""
+
+    mesh: Mesh
+    ior: float
+    sigma_s: float
+    sigma_a: float
+    g: float
+    camera: Camera
+    lamps: list[Rectangle | Sun | Ball] = field(default_factory=list)
+    world: float = 0.0
+    regions: tuple[int, int] = (2, 2)
+    starts_inside: bool = False
+    reenters: bool = False
+
+    def build(self, scene: handles.Scene) -> None:
+        add_body(scene, self.mesh, Medium(self.ior, self.sigma_s, self.sigma_a, self.g))
+        for lamp in self.lamps:
+            lamp.add_to(scene)
+        if self.world > 0:
+            scene.set_world(rgb(self.world))
+        self.camera.add_to(scene)
+
+    def text(self) -> str:
+        """The scene as the tracer reads it."""
+        lines = [f"ior {self.ior!r}", f"sigma_s {self.sigma_s!r}", f"sigma_a {self.sigma_a!r}"]
+        lines += [f"g {self.g!r}", f"world {self.world!r}"]
+        lines += [f"regions {self.regions[0]} {self.regions[1]}"]
+        lines += [f"starts_inside {self.starts_inside:d}", f"reenters {self.reenters:d}"]
+        lines += [self.camera.text(), *(lamp.text() for lamp in self.lamps)]
+        counts = f"{len(self.mesh.positions)} {len(self.mesh.triangles)}"
+        if self.mesh.normals is None:
+            lines.append(f"flat_mesh {counts}")
+            lines += [_row(p) for p in self.mesh.positions]
+        else:
+            lines.append(f"smooth_mesh {counts}")
+            pairs = zip(self.mesh.positions, self.mesh.normals, strict=True)
+            lines += [_row(p, n) for p, n in pairs]
+        lines += [" ".join(str(i) for i in t) for t in self.mesh.triangles.tolist()]
+        return "\n".join(lines) + "\n"
+
+
+def _row(*groups: Any) -> str:
+    return " ".join(repr(float(v)) for group in groups for v in group)
+
+
+@dataclass(frozen=True)
+class Orders:
+    """``mean`` and its standard ``error``: (rows, columns, 6), the last axis as in ORDERS."""
+
+    mean: NDArray[np.float64]
+    error: NDArray[np.float64]
+    data: dict[str, Any]
+
+
+def from_json(data: dict[str, Any], regions: tuple[int, int]) -> Orders:
+    shape = (regions[1], regions[0], len(ORDERS))
+    mean, error = (
+        np.array([r[k] for r in data["regions"]]).reshape(shape) for k in ("mean", "error")
+    )
+    return Orders(mean, error, data)
+
+
+def trace(scene: OrderScene, paths: float, seed: int = 1, threads: int = 1) -> Orders:
+    """Asks the tracer for ``paths`` paths in each region."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "scene.txt"
+        text = f"paths {int(paths)}\nseed {seed}\nthreads {threads}\n{scene.text()}"
+        file.write_text(text)
+        output = subprocess.run([TRACER, file], check=True, capture_output=True, text=True).stdout
+    return from_json(json.loads(output), scene.regions)
+
+
+# ---- The scenes of the stored references ---------------------------------------------------------
+
+RADII = [0.3, 2.0, 10.0]
+LAMP = Rectangle((-1.6, 1.4, 2.8), (2.4, 2.4), 10.0)
+FRONT = Camera((0, 0, 5), (0, 0, -1), (0, 1, 0), (0.28, 0.28))
+# Down on the slab, so that its sides are seen from the inside only.
+ABOVE = Camera((0, 4, 4), (0, -1, -1), (0, 1, 0), (0.28, 0.2))
+ALBEDO = 0.9
+
+
+def reference_scene(shape: str, radius: float) -> OrderScene:
+    """``radius`` is the optical one: of the sphere, of half the slab's thickness."""
+    half, mesh, g, camera = {
+        "sphere": (1.0, lambda: icosphere(4), 0.0, FRONT),
+        "slab": (0.4, lambda: box((-1.5, -0.4, -1.5), (1.5, 0.4, 1.5)), 0.3, ABOVE),
+        "bumpy": (1.0, lambda: bumpy_sphere(4), 0.6, FRONT),
+    }[shape]
+    sigma_t = radius / half
+    sigma_s = ALBEDO * sigma_t
+    return OrderScene(mesh(), 1.5, sigma_s, sigma_t - sigma_s, g, camera, [LAMP])
