@@ -94,7 +94,8 @@ def line(what: str, place: Place | None) -> str:
         return f"| {what} | not reached | | | | | | |"
     return (
         f"| {what} | {place.samples / 1e3:.4g} | {place.megabytes:.3g} | {place.precompute:.3g} "
-        f"| {place.render:.3g} | {place.total:.3g} | {place.mse:.2e} | {100 * place.rel_rmse:.2f} % |"
+        f"| {place.render:.3g} | {place.total:.3g} | {place.mse:.2e} "
+        f"| {100 * place.rel_rmse:.2f} % |"
     )
 
 
