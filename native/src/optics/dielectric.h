@@ -26,14 +26,15 @@ static inline DielectricSplit dielectric_split(Vec3 d, Vec3 n, float eta) {
         s.refracted = d;
         return s;
     }
-    const float sin2_t = eta * eta * (1.0f - c * c);
-    if (sin2_t >= 1.0f) {
+    /* Not 1 - eta^2 (1 - c^2), which loses a grazing cosine to rounding where eta is near 1. */
+    const float cos2_t = (1.0f - eta) * (1.0f + eta) + eta * eta * (c * c);
+    if (!(cos2_t > 0.0f)) {
         s.cos_t = 0.0f;
         s.reflectance = 1.0f;
         s.refracted = s.reflected;
         return s;
     }
-    s.cos_t = sqrtf(1.0f - sin2_t);
+    s.cos_t = sqrtf(cos2_t);
     const float parallel = (c - eta * s.cos_t) / (c + eta * s.cos_t);
     const float perpendicular = (eta * c - s.cos_t) / (eta * c + s.cos_t);
     s.reflectance = 0.5f * (parallel * parallel + perpendicular * perpendicular);
