@@ -4,8 +4,10 @@
 #include "field/specular/specular_curve.h"
 
 enum {
-    DEPTH_MAX = 10, /* halvings of a piece of the curve */
-    END_STEPS = 40  /* to where a piece enters or leaves the segment */
+    DEPTH_MAX = 10, /* halvings of a piece of the curve; in a dense medium, where it must be halved
+                     * to where the light is, so many more as it takes */
+    OPTICAL_DEPTH_MAX = 30, /* halvings for density at most: float coordinates have 24 */
+    END_STEPS = 60          /* to where a piece enters or leaves the segment */
 };
 
 /* Simpson's rule is taken where it differs from the rule of the middle by less than this part. The
@@ -18,8 +20,10 @@ static const double LENGTH_SHARE_MAX = 0.25;
 static const double REACH_SHARE_MAX = 0.95;
 /* Where uneven visibility is asked for beside the ends of a piece. */
 static const double END_SHRINK = 1e-3;
-/* Ends of the segment are found to this part of its length. */
+/* Ends of the segment are found to this part of its length, or, where the light fades, of
+ * END_DEPTHS mean free paths. */
 static const double END_TOLERANCE = 1e-7;
+static const double END_DEPTHS = 1e3;
 /* The shortest piece: where view and light are nearly parallel, the whole segment is seen through
  * a small part of a cell. */
 static const double WIDTH_MIN = 1e-13;
@@ -37,8 +41,10 @@ typedef struct Gather {
     SpecularFace face;
     const SpecularCell *cell;
     double sum[3], frequency, contribution;
-    bool is_parallel; /* some light is parallel to the view */
-    bool is_turned;   /* and the view was turned */
+    double extinction; /* sigma_t of the densest channel, 1/m */
+    int depth_max;     /* halvings of a piece */
+    bool is_parallel;  /* some light is parallel to the view */
+    bool is_turned;    /* and the view was turned */
 } Gather;
 
 /* A point of a piece and its light. */
@@ -144,7 +150,8 @@ static double depth_at_end(const Gather *gather, const CurvePoint *point, bool i
 /* The sample between an inner and an outer one where the light meets an end of the segment. An
  * inner one may be at the other end within rounding: that one does not count. */
 static Sample find_end(const Gather *gather, const CurvePiece *piece, Sample inner, Sample outer) {
-    const double close = END_TOLERANCE * gather->segment.length;
+    const double reach = fmin(gather->segment.length, END_DEPTHS / gather->extinction);
+    const double close = END_TOLERANCE * reach;
     const bool is_far_end = outer.point.t > 0.5 * gather->segment.length;
     for (int i = 0; i < END_STEPS; ++i) {
         const double in = depth_at_end(gather, &inner.point, is_far_end);
@@ -188,21 +195,26 @@ static bool halve(Gather *gather, const CurvePiece *piece, const Sample *a, cons
 /* A piece whose three samples are within the segment. */
 static void integrate_inside(Gather *gather, const CurvePiece *piece, const Sample *a,
                              const Sample *middle, const Sample *b, int depth) {
-    const double simpson = (a->mean + 4.0 * middle->mean + b->mean) / 6.0;
-    if (simpson == 0.0 && depth > 0)
+    /* Each channel: one may be gone where another is not. */
+    bool is_rough = false, is_dark = true;
+    for (int k = 0; k < 3; ++k) {
+        const double simpson = (a->value[k] + 4.0 * middle->value[k] + b->value[k]) / 6.0;
+        is_rough |= fabs(simpson - middle->value[k]) > SIMPSON_DIFFERENCE_MAX * simpson;
+        is_dark &= simpson == 0.0;
+    }
+    if (is_dark && depth > 0)
         return;
     const double radius = (double)gather->field->scene->objects[gather->field->object].radius;
     const double length = fabs(b->point.t - a->point.t);
-    if ((fabs(simpson - middle->mean) > SIMPSON_DIFFERENCE_MAX * simpson ||
-         length > LENGTH_SHARE_MAX * radius) &&
-        depth < DEPTH_MAX && halve(gather, piece, a, middle, b, depth + 1))
+    if ((is_rough || length > LENGTH_SHARE_MAX * radius) && depth < gather->depth_max &&
+        halve(gather, piece, a, middle, b, depth + 1))
         return;
     const bool is_lit = is_visible(gather, &middle->point);
     const double reach = (double)gather->cell->reach * REACH_SHARE_MAX;
     const bool may_be_cut = depth > 0 || gather->cell->lit_corners != (is_lit ? 3 : 0) ||
                             fmax(fmax(a->point.s, b->point.s), middle->point.s) > reach;
     const double shrink = END_SHRINK * (b->x - a->x);
-    if (may_be_cut && depth < DEPTH_MAX &&
+    if (may_be_cut && depth < gather->depth_max &&
         (is_visible_at(gather, piece, a->x + shrink) != is_lit ||
          is_visible_at(gather, piece, b->x - shrink) != is_lit) &&
         halve(gather, piece, a, middle, b, depth + 1))
@@ -245,16 +257,17 @@ static void integrate(Gather *gather, const CurvePiece *piece, const Sample *a,
         const Sample end = in_a ? find_end(gather, piece, *a, *b) : find_end(gather, piece, *b, *a);
         const Sample *from = in_a ? a : &end, *to = in_a ? &end : b;
         Sample between;
-        if (depth < DEPTH_MAX && middle_of(gather, piece, from, to, &between))
+        if (depth < gather->depth_max && middle_of(gather, piece, from, to, &between))
             integrate(gather, piece, from, &between, to, depth + 1);
     } else if (in_middle || in_a) {
         /* In and out again, or out and in: each half has one end. */
-        if (depth < DEPTH_MAX)
+        if (depth < gather->depth_max)
             halve(gather, piece, a, middle, b, depth + 1);
     } else if (turns_over(&a->point, &middle->point) || turns_over(&middle->point, &b->point)) {
         /* The way between is found at any width, and costs no depth. */
         halve(gather, piece, a, middle, b, depth);
-    } else if (depth < DEPTH_MAX && may_reach_in(gather, &a->point, &middle->point, &b->point)) {
+    } else if (depth < gather->depth_max &&
+               may_reach_in(gather, &a->point, &middle->point, &b->point)) {
         halve(gather, piece, a, middle, b, depth + 1);
     }
 }
@@ -335,9 +348,16 @@ static void search_tree(Gather *gather, const BoundQuery *query) {
 
 FieldRadiance specular_gather(const SpecularField *field, Vec3 o, Vec3 d, float length) {
     const AmbScene *scene = field->scene;
+    const SceneObject *object = &scene->objects[field->object];
+    const Medium *medium = &scene->materials[object->inside].medium;
     Gather gather = {.field = field,
-                     .medium = &scene->materials[scene->objects[field->object].inside].medium,
+                     .medium = medium,
+                     .extinction = (double)rgb_max(medium->sigma_t),
+                     .depth_max = DEPTH_MAX,
                      .segment = {vec3d_from(o), vec3d_from(d), (double)length}};
+    const double optical_radius = gather.extinction * (double)object->radius;
+    if (optical_radius > 1.0)
+        gather.depth_max += (int)ceil(fmin(log2(optical_radius), OPTICAL_DEPTH_MAX));
     SpecularSegment *segment = &gather.segment;
     segment->d = vec3d_scale(segment->d, 1.0 / vec3d_length(segment->d));
     const BoundQuery query = {o, d, length};
@@ -346,7 +366,11 @@ FieldRadiance specular_gather(const SpecularField *field, Vec3 o, Vec3 d, float 
         Vec3 x, y;
         vec3_frame(d, &x, &y);
         const Vec3d turned = vec3d_madd(segment->d, NUDGE, vec3d_from(x));
-        gather = (Gather){.field = field, .medium = gather.medium, .segment = gather.segment};
+        gather = (Gather){.field = field,
+                          .medium = medium,
+                          .extinction = gather.extinction,
+                          .depth_max = gather.depth_max,
+                          .segment = gather.segment};
         segment->d = vec3d_scale(turned, 1.0 / vec3d_length(turned));
         gather.is_turned = true;
         search_tree(&gather, &(BoundQuery){o, vec3d_round(segment->d), length});
