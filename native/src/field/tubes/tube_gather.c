@@ -140,18 +140,31 @@ static inline void clip(const Lanes a[CLIP_COUNT], const Lanes b[CLIP_COUNT], La
     }
 }
 
-/* Mean of exp(-sigma_t path) over a stretch of a chord along which path changes by `change`, over
- * its value in the middle: sinh(y)/y, y = sigma_t change / 2. */
-static inline Lanes swing(float sigma_t, Lanes change) {
-    const Lanes y = (0.5f * sigma_t) * abs_lanes(change);
+/* The way of light and view through the medium along a stretch of a chord. */
+typedef struct Way {
+    Lanes middle, near; /* m, in the middle and at the end where it is shorter */
+    Lanes change;       /* m, from one end to the other */
+    Lanes ratio;        /* of `over` (see Meeting) at the near end to that at the far one */
+} Way;
+
+/* Mean of exp(-sigma_t way) over the stretch. Thin: the value in the middle times sinh(y)/y, y =
+ * sigma_t change / 2. Thick: the light is gone in the middle, and what counts is the near end. From
+ * there, places on the chord follow the part u of the way as q = r u / (1 - u + r u), r the ratio,
+ * since way is a quotient of linear functions; dq/du is taken in the middle of what fades. */
+static inline Lanes fade_along(float sigma_t, const Way *way) {
+    const Lanes y = (0.5f * sigma_t) * abs_lanes(way->change);
     const Lanes y2 = y * y;
-    const Lanes thin = 1.0f + y2 * (1.0f / 6.0f + y2 * (1.0f / 120.0f + y2 * (1.0f / 5040.0f)));
+    const Lanes thin = lanes_exp_negative(-sigma_t * way->middle) *
+                       (1.0f + y2 * (1.0f / 6.0f + y2 * (1.0f / 120.0f + y2 * (1.0f / 5040.0f))));
     const LaneMask is_thick = y > 1.0f;
     if (lanes_bits(is_thick) == 0)
         return thin;
-    /* exp(y) = 1/exp(-y); beyond y = 40 nothing is left of the light in the middle. */
-    const Lanes fade = lanes_exp_negative(-lanes_min(y, lanes_set(40.0f)));
-    const Lanes thick = 0.5f * (1.0f / fade - fade) / lanes_max(y, lanes_set(1.0f));
+    const Lanes twice = 2.0f * lanes_max(y, lanes_set(1.0f));
+    const Lanes left = lanes_exp_negative(-twice), lost = 1.0f - left;
+    const Lanes u = 1.0f / twice - left / lost;
+    const Lanes weight = 1.0f - u + u * way->ratio;
+    const Lanes thick =
+        lanes_exp_negative(-sigma_t * way->near) * lost / twice * way->ratio / (weight * weight);
     return lanes_select(is_thick, thick, thin);
 }
 
@@ -170,7 +183,7 @@ enum {
     CROSSED_ROOM = QUEUE_FULL + 2 * LANE_COUNT, /* one patch more, written eight at a time */
     /* What quartering adds, see empty_queues. Not a power of two: rows would displace each other
      * from the cache. */
-    LOOSE_ROOM = 264
+    LOOSE_ROOM = 344
 };
 
 /* Tubes of patches that the zero curve crosses, their first corner the one on the other side of it:
@@ -194,7 +207,7 @@ typedef struct Queues {
 } Queues;
 
 /* How often a tube is quartered at most: the gain of each level is a quarter of the last one's. */
-enum { LEVEL_MAX = 7 };
+enum { LEVEL_MAX = 7, TURN_LEVEL_MAX = 10 };
 /* How far f may be from linear anywhere, in units of how far it is at most in the middle of an
  * edge: 4/3 in the triangle's middle if it is quadratic. */
 static const float BULGE = 4.0f / 3.0f;
@@ -316,11 +329,28 @@ typedef struct Patches {
     uint32_t tubes[PATCHES_ROOM];         /* of those touched, bits */
     float reaches[PATCHES_ROOM];          /* m, from the ray to their farthest corner, at most */
     float f[PATCHES_ROOM][PATCH_CORNERS]; /* at their corners */
+    bool may_turn[PATCHES_ROOM];          /* see may_turn */
+    bool is_parallel; /* all light of a tube runs along the ray, which meets it everywhere */
 } Patches;
 
-/* f at the corners of a patch whose light runs nearly along the ray. */
-static inline void near_parallel_f(const TubePatch *patch, const Query *q, Lanes out[2]) {
+/* Sine between light and view below which single precision does not tell where they meet, and the
+ * angle by which the view is then turned: less than a pixel. */
+static const float PARALLEL_SINE = 5e-5f;
+static const float NUDGE = 2e-4f;
+
+/* Where light is nearer to the view's direction than twice as far as it differs between corners, it
+ * may turn over from one side of the view to the other. The whole segment is then lit through a
+ * small part of a tube, and what is linear over all of the tube is not good enough. */
+static const float TURN_SPREADS = 2.0f;
+
+/* f at the corners of a patch whose light runs nearly along the ray, whether it may turn over, and
+ * whether all light of a tube is parallel to the ray. */
+static inline void near_parallel_f(const TubePatch *patch, const Query *q, Lanes out[2],
+                                   bool *out_may_turn, bool *is_parallel) {
     const Lanes3 d = set3(q->d), o = set3(q->o);
+    const Vec3 first = vec3_from(patch->corners[0] + CORNER_W);
+    Lanes least = lanes_set(1.0f), most = lanes_set(0.0f);
+    uint32_t parallel = 0;
     for (int h = 0; h < 2; ++h) {
         Lanes rows[CORNER_SIZE];
         for (int i = 0; i < LANE_COUNT; ++i)
@@ -329,7 +359,23 @@ static inline void near_parallel_f(const TubePatch *patch, const Query *q, Lanes
         const Lanes3 x = {rows[CORNER_X], rows[CORNER_X + 1], rows[CORNER_X + 2]};
         const Lanes3 w = {rows[CORNER_W], rows[CORNER_W + 1], rows[CORNER_W + 2]};
         out[h] = line_f(cross3(d, sub3(x, o)), w, d);
+        const Lanes3 across = cross3(d, w), change = sub3(w, set3(first));
+        const Lanes sin2 = dot3(across, across);
+        const LaneMask is_corner = dot3(w, w) > 0.0f;
+        least = lanes_select(is_corner, lanes_min(least, sin2), least);
+        most = lanes_select(is_corner, lanes_max(most, dot3(change, change)), most);
+        parallel |= lanes_bits((sin2 < PARALLEL_SINE * PARALLEL_SINE) & is_corner)
+                    << (h * LANE_COUNT);
     }
+    float sin2 = 1.0f, spread2 = 0.0f;
+    for (int i = 0; i < LANE_COUNT; ++i) {
+        sin2 = fminf(sin2, least[i]);
+        spread2 = fmaxf(spread2, most[i]);
+    }
+    *out_may_turn = sin2 < TURN_SPREADS * TURN_SPREADS * spread2;
+    for (int k = 0; k < PATCH_TUBES && parallel != 0; ++k)
+        if (patch->masks[k] != 0 && (patch->masks[k] & ~parallel) == 0)
+            *is_parallel = true;
 }
 
 /* Cosine between light and ray beyond which f is a difference of large numbers in Pluecker
@@ -346,8 +392,9 @@ static inline void touch_patches(const TubeTree *tree, const Query *q, Patches *
         const uint32_t p = patches->found[i]; /* NOLINT(clang-analyzer-core.*) */
         const TubePatch *patch = &tree->patches[p];
         Lanes values[2];
+        patches->may_turn[touched] = false;
         if (fabsf(vec3_dot(vec3_from(patch->corners[0] + CORNER_W), q->d)) > PARALLEL_COS) {
-            near_parallel_f(patch, q, values);
+            near_parallel_f(patch, q, values, &patches->may_turn[touched], &patches->is_parallel);
         } else {
             for (int h = 0; h < 2; ++h) {
                 values[h] = lanes_set(0.0f);
@@ -377,7 +424,7 @@ static inline void touch_patches(const TubeTree *tree, const Query *q, Patches *
 
 /* Adds the tubes of a touched patch that the zero curve crosses, and those that it may touch. */
 static inline void find_crossings(const TubeTree *tree, uint32_t p, uint32_t tubes, float reach,
-                                  const float f[PATCH_CORNERS], Queues *queues) {
+                                  const float f[PATCH_CORNERS], bool may_turn, Queues *queues) {
     const TubePatch *patch = &tree->patches[p];
     const float blur = patch->blur * reach; /* f is averaged over so much to either side, at most */
     const ByteList list = list_bits(tubes);
@@ -396,8 +443,10 @@ static inline void find_crossings(const TubeTree *tree, uint32_t p, uint32_t tub
         const LaneMask bulges = lanes_lookup_bytes(patch->bulges, numbers);
         const Lanes margin =
             (patch->bulge * reach / 255.0f) * __builtin_convertvector(bulges, Lanes);
-        const LaneMask is_bent = (margin > (BULGE * tree->bend_max) * (high - low + blur)) &
-                                 (low < margin + blur) & (high > -margin - blur);
+        const Lanes bend_max =
+            may_turn ? lanes_set(0.0f) : (BULGE * tree->bend_max) * (high - low + blur);
+        const LaneMask is_bent =
+            (margin > bend_max) & (low < margin + blur) & (high > -margin - blur);
         const uint32_t bent = lanes_bits(is_bent) & all;
         const uint32_t crossed = lanes_bits((low <= blur) & (high > -blur)) & all & ~bent;
         const Odd odd = odd_corner(g);
@@ -471,78 +520,169 @@ static inline Lanes3 between3(const Tubes *tubes, int r, int k, Lanes q) {
                     between(tubes, r + 2, k, q)};
 }
 
+/* An end of a chord: its light line and what the tube has there. */
+typedef struct End {
+    Lanes3 from, w; /* from the camera ray's o */
+    Lanes value, limit, start;
+} End;
+
+/* On the edge from the first corner to corner k, at part q of the way. */
+static inline End end_on_edge(const Tubes *tubes, int k, Lanes q, Lanes3 o) {
+    return (End){.from = sub3(between3(tubes, CORNER_X, k, q), o),
+                 .w = between3(tubes, CORNER_W, k, q),
+                 .value = between(tubes, CORNER_VALUE, k, q),
+                 .limit = between(tubes, CORNER_LIMIT, k, q),
+                 .start = between(tubes, ROW_START, k, q)};
+}
+
+static inline Lanes lerp(Lanes a, Lanes b, Lanes q) {
+    return a + q * (b - a);
+}
+
+static inline End end_between(const End *b, const End *c, Lanes q) {
+    return (End){.from = lerp3(b->from, c->from, q),
+                 .w = lerp3(b->w, c->w, q),
+                 .value = lerp(b->value, c->value, q),
+                 .limit = lerp(b->limit, c->limit, q),
+                 .start = lerp(b->start, c->start, q)};
+}
+
+/* What the lanes of gather_chord have in common. */
+typedef struct ChordGather {
+    const Tubes *tubes;
+    const TubeLight *light;
+    const Medium *medium;
+    const Query *q;
+    Sums *sums;
+} ChordGather;
+
+/* Adds what a chord from b to c sends along the segment, density per part of the chord; n tells the
+ * side, on all of the chord the same, from which light meets the segment. */
+static inline void gather_chord(const ChordGather *gather, const End *b, const End *c,
+                                Lanes density, Lanes3 n, LaneMask is_hit) {
+    const Lanes zero = lanes_set(0.0f), half = lanes_set(0.5f);
+    const Query *q = gather->q;
+    const Lanes3 d = set3(q->d), turned = cross3(n, d);
+    Meeting meet_b = {.from = b->from, .w = b->w}, meet_c = {.from = c->from, .w = c->w};
+    meet(&meet_b, n, turned);
+    meet(&meet_c, n, turned);
+
+    /* The part of the chord that lies on the segment and in front of the light's end. */
+    const Lanes inside_b[CLIP_COUNT] = {meet_b.along - q->near * meet_b.over,
+                                        q->far * meet_b.over - meet_b.along, meet_b.depth,
+                                        b->limit * meet_b.over - meet_b.depth};
+    const Lanes inside_c[CLIP_COUNT] = {meet_c.along - q->near * meet_c.over,
+                                        q->far * meet_c.over - meet_c.along, meet_c.depth,
+                                        c->limit * meet_c.over - meet_c.depth};
+    Lanes q0, q1;
+    clip(inside_b, inside_c, &q0, &q1);
+    is_hit &= q1 > q0;
+    if (lanes_bits(is_hit) == 0)
+        return;
+
+    /* Everything else in the middle of that part. */
+    const Lanes qm = half * (q0 + q1);
+    const End middle = end_between(b, c, qm);
+    Meeting m = {.from = middle.from, .w = middle.w};
+    const Lanes3 normal = cross3(d, m.w);
+    meet(&m, normal, cross3(normal, d));
+    const Lanes inverse = 1.0f / lanes_max(m.over, lanes_set(SIN2_MIN));
+    const Lanes unit2 = dot3(m.w, m.w);
+    const Lanes unit = lanes_sqrt(unit2);
+    const Lanes t = lanes_max(m.along * inverse - q->near, zero);
+    const Lanes s = lanes_max(m.depth * inverse, zero);
+    /* The way to here, and at the ends of the chord's part. */
+    const Lanes path_b = meet_b.along + meet_b.depth, path_c = meet_c.along + meet_c.depth;
+    const Lanes over0 = lerp(meet_b.over, meet_c.over, q0);
+    const Lanes over1 = lerp(meet_b.over, meet_c.over, q1);
+    const Lanes way0 = lerp(path_b, path_c, q0) / over0 + lerp(b->start, c->start, q0);
+    const Lanes way1 = lerp(path_b, path_c, q1) / over1 + lerp(b->start, c->start, q1);
+    const LaneMask is_rising = way0 < way1;
+    const Way way = {.middle = s * unit + t + middle.start,
+                     .near = lanes_max(lanes_min(way0, way1) - q->near, zero),
+                     .change = way1 - way0,
+                     .ratio = lanes_select(is_rising, over0, over1) /
+                              lanes_select(is_rising, over1, over0)};
+
+    const Medium *medium = gather->medium;
+    const TubeLight *light = gather->light;
+    Lanes scatter[3];
+    medium_scattering_lanes(medium, dot3(m.w, d) / unit, m.over / unit2, scatter);
+    const Lanes3 area = area_of(gather->tubes);
+    const Lanes value =
+        middle.value * flux_share(gather->tubes, light, area, m.w, unit) * density * (q1 - q0);
+    const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
+    const float color[3] = {light->color.r, light->color.g, light->color.b};
+    Lanes total = zero;
+    for (int k = 0; k < 3; ++k) {
+        const Lanes fade = fade_along(sigma_t[k], &way);
+        const Lanes arrives = lanes_select(is_hit, value * color[k] * scatter[k] * fade, zero);
+        gather->sums->radiance[k] += arrives;
+        total += arrives;
+    }
+    gather->sums->frequency +=
+        lanes_select(is_hit, total * frequency_of(gather->tubes, area, m.w, s), zero);
+}
+
+/* Where light turns over from one side of the view to the other, it meets the view at infinity, and
+ * the whole segment is lit through a small part of the chord. Such a chord, or one that ends near
+ * such a place, is taken in pieces that grow away from there: what gather_chord takes as linear is
+ * so on each. */
+static const float PIECE_ENDS[] = {-0x1p-3f, -0x1p-6f, -0x1p-9f, -0x1p-12f, -0x1p-15f, 0.0f,
+                                   0x1p-15f, 0x1p-12f, 0x1p-9f,  0x1p-6f,   0x1p-3f};
+enum { PIECE_COUNT = sizeof PIECE_ENDS / sizeof PIECE_ENDS[0] + 1 };
+/* Ratio of `over` at the ends of a chord below which it is cut. */
+static const float TURN_RATIO = 0.25f;
+
+static inline void gather_turning(const ChordGather *gather, const End *b, const End *c,
+                                  Lanes density, Lanes3 n, Lanes over_b, Lanes over_c,
+                                  LaneMask is_hit) {
+    const Lanes zero = lanes_set(0.0f), one = lanes_set(1.0f);
+    const LaneMask is_level = over_b == over_c;
+    const Lanes turn = over_b / lanes_select(is_level, one, over_b - over_c);
+    End from = *b;
+    Lanes begin = zero;
+    for (int k = 0; k < PIECE_COUNT; ++k) {
+        const Lanes cut = k + 1 < PIECE_COUNT ? turn + PIECE_ENDS[k] : one;
+        const Lanes end = lanes_max(begin, lanes_min(cut, one));
+        const End to = end_between(b, c, end);
+        /* n points to the side of the piece's middle. */
+        const Lanes side = lanes_sign(lerp(over_b, over_c, 0.5f * (begin + end)));
+        gather_chord(gather, &from, &to, density * (end - begin), scale3(n, side),
+                     is_hit & (end > begin));
+        from = to;
+        begin = end;
+    }
+}
+
 /* Adds what tubes that are crossed send along the segment. A lane whose f does not
  * change its sign counts for nothing. */
 static inline void gather_tubes(const Tubes *tubes, const Lanes *soft, const TubeLight *light,
                                 const Medium *medium, const Query *q, Sums *sums) {
-    const Lanes zero = lanes_set(0.0f), one = lanes_set(1.0f), half = lanes_set(0.5f);
+    const Lanes one = lanes_set(1.0f), half = lanes_set(0.5f);
     const Lanes3 d = set3(q->d), o = set3(q->o);
     const Lanes f = tubes->f[0];
-    LaneMask is_hit = (f > 0.0f) != (tubes->f[1] > 0.0f);
+    const LaneMask is_hit = (f > 0.0f) != (tubes->f[1] > 0.0f);
     const Lanes gap_b = lanes_select(is_hit, f - tubes->f[1], one);
     const Lanes gap_c = lanes_select(is_hit, f - tubes->f[2], one);
     /* Where the zero curve enters the triangle and where it leaves, on the edges from the first
      * corner. */
     const Lanes cut_b = f / gap_b, cut_c = f / gap_c;
     const Lanes density = soft != NULL ? *soft : 2.0f * cut_b / abs_lanes(gap_c);
-    Meeting b = {.from = sub3(between3(tubes, CORNER_X, 1, cut_b), o),
-                 .w = between3(tubes, CORNER_W, 1, cut_b)};
-    Meeting c = {.from = sub3(between3(tubes, CORNER_X, 2, cut_c), o),
-                 .w = between3(tubes, CORNER_W, 2, cut_c)};
-    Lanes3 n = cross3(d, lerp3(b.w, c.w, half)), turned = cross3(n, d);
-    meet(&b, n, turned);
-    meet(&c, n, turned);
-
-    /* The part of the chord that lies on the segment and in front of the light's end. */
-    const Lanes inside_b[CLIP_COUNT] = {b.along - q->near * b.over, q->far * b.over - b.along,
-                                        b.depth,
-                                        between(tubes, CORNER_LIMIT, 1, cut_b) * b.over - b.depth};
-    const Lanes inside_c[CLIP_COUNT] = {c.along - q->near * c.over, q->far * c.over - c.along,
-                                        c.depth,
-                                        between(tubes, CORNER_LIMIT, 2, cut_c) * c.over - c.depth};
-    Lanes q0, q1;
-    clip(inside_b, inside_c, &q0, &q1);
-    is_hit &= (q1 > q0) & (b.over > 0.0f) & (c.over > 0.0f);
-    if (lanes_bits(is_hit) == 0)
+    const End b = end_on_edge(tubes, 1, cut_b, o), c = end_on_edge(tubes, 2, cut_c, o);
+    const ChordGather gather = {tubes, light, medium, q, sums};
+    const Lanes3 n = cross3(d, lerp3(b.w, c.w, half)), turned = cross3(n, d);
+    const Lanes over_b = dot3(b.w, turned), over_c = dot3(c.w, turned);
+    const LaneMask turns =
+        lanes_min(over_b, over_c) < TURN_RATIO * lanes_max(abs_lanes(over_b), abs_lanes(over_c));
+    if (lanes_bits(is_hit & ~turns) != 0)
+        gather_chord(&gather, &b, &c, density, n, is_hit & ~turns);
+    if (lanes_bits(is_hit & turns) == 0)
         return;
-
-    /* Everything else in the middle of that part. */
-    const Lanes qm = half * (q0 + q1);
-    Meeting m = {.from = lerp3(b.from, c.from, qm), .w = lerp3(b.w, c.w, qm)};
-    n = cross3(d, m.w);
-    meet(&m, n, cross3(n, d));
-    const Lanes inverse = 1.0f / lanes_max(m.over, lanes_set(SIN2_MIN));
-    const Lanes unit2 = dot3(m.w, m.w);
-    const Lanes unit = lanes_sqrt(unit2);
-    const Lanes t = lanes_max(m.along * inverse - q->near, zero);
-    const Lanes s = lanes_max(m.depth * inverse, zero);
-    /* The way to here, and its change along the chord's part, from the ends. */
-    const Lanes start_b = between(tubes, ROW_START, 1, cut_b);
-    const Lanes start_c = between(tubes, ROW_START, 2, cut_c);
-    const Lanes way = s * unit + t + start_b + qm * (start_c - start_b);
-    const Lanes path_b = b.along + b.depth, path_c = c.along + c.depth;
-    const Lanes over0 = b.over + q0 * (c.over - b.over), over1 = b.over + q1 * (c.over - b.over);
-    const Lanes change = (path_b + q1 * (path_c - path_b)) / over1 -
-                         (path_b + q0 * (path_c - path_b)) / over0 +
-                         (q1 - q0) * (start_c - start_b);
-
-    Lanes scatter[3];
-    medium_scattering_lanes(medium, dot3(m.w, d) / unit, m.over / unit2, scatter);
-    const Lanes3 area = area_of(tubes);
-    const Lanes value_b = between(tubes, CORNER_VALUE, 1, cut_b);
-    const Lanes value_c = between(tubes, CORNER_VALUE, 2, cut_c);
-    const Lanes value = (value_b + qm * (value_c - value_b)) *
-                        flux_share(tubes, light, area, m.w, unit) * density * (q1 - q0);
-    const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
-    const float color[3] = {light->color.r, light->color.g, light->color.b};
-    Lanes total = zero;
-    for (int k = 0; k < 3; ++k) {
-        const Lanes fade = lanes_exp_negative(-sigma_t[k] * way) * swing(sigma_t[k], change);
-        const Lanes arrives = lanes_select(is_hit, value * color[k] * scatter[k] * fade, zero);
-        sums->radiance[k] += arrives;
-        total += arrives;
-    }
-    sums->frequency += lanes_select(is_hit, total * frequency_of(tubes, area, m.w, s), zero);
+    /* The middle may be parallel to the view and have no normal; the difference of the ends has. */
+    const Lanes3 across = cross3(d, sub3(b.w, c.w)), tilted = cross3(across, d);
+    gather_turning(&gather, &b, &c, density, across, dot3(b.w, tilted), dot3(c.w, tilted),
+                   is_hit & turns);
 }
 
 /* The normals at the corners, found again from how light was refracted there:
@@ -567,7 +707,8 @@ static inline Lanes3 refract(const TubeLight *light, Lanes3 d, Lanes3 n) {
     const Lanes missing = lanes_max(TUBE_GRAZING_COS + dot3(d, n), zero);
     n = normalize3(sub3(n, scale3(d, missing)));
     const Lanes cos_i = -dot3(d, n);
-    const Lanes cos_t = lanes_sqrt(lanes_max(1.0f - eta * eta * (1.0f - cos_i * cos_i), zero));
+    const Lanes cos_t =
+        lanes_sqrt(lanes_max((1.0f - eta) * (1.0f + eta) + eta * eta * (cos_i * cos_i), zero));
     return normalize3(add3(scale3(d, eta), scale3(n, eta * cos_i - cos_t)));
 }
 
@@ -685,7 +826,15 @@ static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTr
         const Lanes3 across = cross3(d, sub3(row3(tubes, k, CORNER_X), o));
         blur = lanes_max(blur, tree->blur * lanes_sqrt(dot3(across, across)));
     }
-    const LaneMask is_straight = bend <= tree->bend_max * (high - low + blur);
+    Lanes sin2 = lanes_set(1.0f), spread2 = lanes_set(0.0f);
+    for (int k = 0; k < 3; ++k) {
+        const Lanes3 w = row3(tubes, k, CORNER_W), across = cross3(d, w);
+        const Lanes3 change = sub3(row3(tubes, (k + 1) % 3, CORNER_W), w);
+        sin2 = lanes_min(sin2, dot3(across, across));
+        spread2 = lanes_max(spread2, dot3(change, change));
+    }
+    const LaneMask turns = sin2 < TURN_SPREADS * TURN_SPREADS * spread2;
+    const LaneMask is_straight = (bend <= tree->bend_max * (high - low + blur)) & ~turns;
     const uint32_t crossed = lanes_bits(is_straight & (low <= blur) & (high > -blur)) & all;
     Tubes turned;
     if (crossed != 0) {
@@ -698,7 +847,8 @@ static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTr
         return;
     /* Quadratic functions bend a quarter as much over half the length; half again for the rest. */
     const Lanes margin = (1.5f * 0.25f * BULGE) * bend;
-    const LaneMask is_last = level >= (float)LEVEL_MAX;
+    const LaneMask is_last =
+        level >= lanes_select(turns, lanes_set((float)TURN_LEVEL_MAX), lanes_set((float)LEVEL_MAX));
     for (int p = 0; p < 4; ++p) {
         Tubes part;
         part.level = level;
@@ -707,8 +857,9 @@ static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTr
             part.f[k] = f[PARTS[p][k]];
         }
         const Lanes bottom = min_of(part.f), top = max_of(part.f);
-        const LaneMask is_bent = (margin > (BULGE * tree->bend_max) * (top - bottom + blur)) &
-                                 (bottom < margin + blur) & (top > -margin - blur) & ~is_last;
+        const LaneMask is_bent =
+            ((margin > (BULGE * tree->bend_max) * (top - bottom + blur)) | turns) &
+            (bottom < margin + blur) & (top > -margin - blur) & ~is_last;
         const LaneMask is_crossed = (bottom <= blur) & (top > -blur) & ~is_bent;
         const uint32_t bent = lanes_bits(is_split & is_bent) & all;
         const uint32_t whole = lanes_bits(is_split & is_crossed) & all;
@@ -750,14 +901,15 @@ static inline void gather_patches(const TubeTree *tree, const Medium *medium, co
     touch_patches(tree, q, patches);
     for (uint32_t i = 0; i < patches->touched_count; ++i) {
         find_crossings(tree, patches->touched[i], patches->tubes[i], patches->reaches[i],
-                       patches->f[i], queues);
+                       patches->f[i], patches->may_turn[i], queues);
         if (queues->crossed.count >= QUEUE_FULL || queues->bent.count >= QUEUE_FULL)
             empty_queues(tree, medium, q, queues, false, sums);
     }
 }
 
-FieldRadiance AMB_TUBE_GATHER(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
-                              float length) {
+/* False, and nothing is known, where a tube's light runs along the ray and that is not allowed. */
+static inline bool gather_ray(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
+                              float length, bool may_be_parallel, FieldRadiance *out) {
     const Vec3 from = vec3_sub(o, tree->center);
     Query q = {.d = d, .near = vec3_dot(from, d)};
     q.far = q.near + length;
@@ -777,6 +929,7 @@ FieldRadiance AMB_TUBE_GATHER(const TubeTree *tree, const Medium *medium, Vec3 o
     Sums sums = {{zero, zero, zero}, zero};
     Patches patches;
     patches.found_count = 0;
+    patches.is_parallel = false;
     Queues queues;
     queues.crossed.count = queues.parts.count = queues.bent.count = 0;
     /* Of the nodes that wait, each eight children at most of one that was taken. */
@@ -801,11 +954,24 @@ FieldRadiance AMB_TUBE_GATHER(const TubeTree *tree, const Medium *medium, Vec3 o
             gather_patches(tree, medium, &q, &patches, &queues, &sums);
     }
     gather_patches(tree, medium, &q, &patches, &queues, &sums);
+    if (patches.is_parallel && !may_be_parallel)
+        return false;
     empty_queues(tree, medium, &q, &queues, true, &sums);
-    FieldRadiance out;
-    out.radiance =
+    out->radiance =
         rgb(lanes_sum(sums.radiance[0]), lanes_sum(sums.radiance[1]), lanes_sum(sums.radiance[2]));
-    out.frequency = lanes_sum(sums.frequency) / 3.0f;
-    out.contribution = rgb_mean(out.radiance);
+    out->frequency = lanes_sum(sums.frequency) / 3.0f;
+    out->contribution = rgb_mean(out->radiance);
+    return true;
+}
+
+FieldRadiance AMB_TUBE_GATHER(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
+                              float length) {
+    FieldRadiance out;
+    if (gather_ray(tree, medium, o, d, length, false, &out))
+        return out;
+    Vec3 x, y;
+    vec3_frame(d, &x, &y);
+    /* Turned out of one light's direction it may be in another's, which then loses some. */
+    gather_ray(tree, medium, o, vec3_normalize(vec3_madd(d, NUDGE, x)), length, true, &out);
     return out;
 }

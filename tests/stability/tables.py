@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""All tables, each under its heading of the document. One line adds a table."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import table_estimators
+import table_media
+
+TABLES = {
+    "Estimators": table_estimators.CASES,
+    "Media": table_media.CASES,
+}
+
+CASES = [replace(case, group=group) for group, cases in TABLES.items() for case in cases]
