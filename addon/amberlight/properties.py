@@ -141,6 +141,12 @@ class AmberlightSceneSettings(bpy.types.PropertyGroup):
         description="Light that passes one refractive object and then enters another",
         default=DEFAULT.use_transmitted_light,
     )
+    use_caustics: BoolProperty(
+        name="Caustics",
+        description="Light that reaches opaque surfaces through translucent objects or off them; "
+        "without, these cast black shadows",
+        default=DEFAULT.use_caustics,
+    )
     light_bounces: IntProperty(
         name="Light Bounces",
         description="Most " + FOLLOW.format("light"),

@@ -30,6 +30,7 @@ EFFECTS = {
     "use_surface_reflection": _ffi.AMB_EFFECT_SURFACE_REFLECTION,
     "use_background": _ffi.AMB_EFFECT_BACKGROUND,
     "use_transmitted_light": _ffi.AMB_EFFECT_TRANSMITTED_LIGHT,
+    "use_caustics": _ffi.AMB_EFFECT_CAUSTICS,
 }
 SCATTER_ESTIMATORS = {
     "AUTO": _ffi.AMB_SCATTER_AUTO,
@@ -59,6 +60,7 @@ class Settings:
     use_surface_reflection: bool = True
     use_background: bool = True
     use_transmitted_light: bool = True
+    use_caustics: bool = True
     light_bounces: int = 0
     camera_bounces: int = 0
     adjoint_normals: bool = True

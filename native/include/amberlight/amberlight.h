@@ -269,8 +269,9 @@ enum {
     AMB_EFFECT_BACKGROUND = 1 << 4,        /* what is seen through a refractive object */
     AMB_EFFECT_TRANSMITTED_LIGHT = 1 << 5, /* light that passes one refractive object and then
                                             * enters another, or the same again */
-    AMB_EFFECT_CAUSTICS = 1 << 6,          /* light that passes refractive objects or is
-                                            * reflected by them onto opaque surfaces */
+    AMB_EFFECT_CAUSTICS = 1 << 6,          /* light that passes translucent objects or is
+                                            * reflected by them onto opaque surfaces; without,
+                                            * they cast black shadows */
     AMB_EFFECT_WORLD_LIGHT = 1 << 7,       /* light of the world and of lit opaque surfaces that
                                             * scatters in media */
 };

@@ -12,17 +12,17 @@ enum { IMAGE_SIZE_MAX = 1 << 16, TUBE_REFINEMENT_MAX = 4 };
 
 void amb_render_params_init(AmbRenderParams *params) {
     if (params != NULL)
-        *params = (AmbRenderParams){.struct_size = sizeof *params,
-                                    .width = 512,
-                                    .height = 512,
-                                    .samples = 16,
-                                    .estimator = AMB_ESTIMATOR_AUTO,
-                                    .effects = AMB_EFFECT_SINGLE_SCATTERING |
-                                               AMB_EFFECT_SURFACE_REFLECTION |
-                                               AMB_EFFECT_BACKGROUND | AMB_EFFECT_TRANSMITTED_LIGHT,
-                                    .light_samples = 1000000,
-                                    .kernel_size = 4.0f,
-                                    .adjoint_normals = 1};
+        *params = (AmbRenderParams){
+            .struct_size = sizeof *params,
+            .width = 512,
+            .height = 512,
+            .samples = 16,
+            .estimator = AMB_ESTIMATOR_AUTO,
+            .effects = AMB_EFFECT_SINGLE_SCATTERING | AMB_EFFECT_SURFACE_REFLECTION |
+                       AMB_EFFECT_BACKGROUND | AMB_EFFECT_TRANSMITTED_LIGHT | AMB_EFFECT_CAUSTICS,
+            .light_samples = 1000000,
+            .kernel_size = 4.0f,
+            .adjoint_normals = 1};
 }
 
 static AmbStatus check_params(const AmbRenderParams *p) {

@@ -122,7 +122,8 @@ static void follow(Walker *walker, Branch branch) {
         follow_boundary(walker, &branch, &surface);
         return;
     }
-    const Rgb radiance = shade_diffuse(walker, &surface, branch.d, &branch.stack);
+    const Rgb radiance =
+        shade_diffuse(walker, &surface, branch.d, &branch.stack, branch.throughput);
     out->surface = rgb_madd(out->surface, branch.throughput, radiance);
 }
 

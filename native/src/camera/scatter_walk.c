@@ -264,7 +264,8 @@ static bool step(Walk *walk) {
         if (!target.is_hit && material == NULL)
             add(walk, walk->order, walker->scene->world);
         if (target.is_hit && !target.is_boundary) {
-            const Rgb seen = shade_diffuse(walk->walker, &target.surface, walk->d, &walk->stack);
+            const Rgb seen =
+                shade_diffuse(walk->walker, &target.surface, walk->d, &walk->stack, rgb(0, 0, 0));
             add(walk, walk->order, rgb_mul(transmittance, seen));
         }
     }

@@ -6,8 +6,10 @@
 #include "camera/walker.h"
 
 /* Radiance of an opaque surface toward where a path that travels along d came from, inside the
- * media of the stack: direct light of the lamps and the world, and emission. A translucent object
- * between it and the light casts a black shadow. */
-Rgb shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d, const MediumStack *stack);
+ * media of the stack: emission, and light of the lamps and the world that did not scatter. Light
+ * that scatters in media on its way to the surface is added to the walker's orders, times `glow`
+ * (the path's throughput; black: it is left out) and the surface's albedo. */
+Rgb shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d, const MediumStack *stack,
+                  Rgb glow);
 
 #endif

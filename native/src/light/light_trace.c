@@ -22,6 +22,8 @@ static const float GRAZING_COS = 1e-4f;
 /* Branches with less than this share of their ray's flux end: what all of them together would add
  * is below 1e-5 of the light, and a clear object with many bounces would fill memory with them. */
 static const float FLUX_MIN = 1e-6f;
+/* The same for light on its way to opaque surfaces, where nothing magnifies the rest. */
+static const float FLUX_MIN_LANDING = 1e-4f;
 
 /* Rays of one light towards one object. */
 typedef struct Batch {
@@ -35,6 +37,8 @@ typedef struct Chunk {
     LightBeam *beams;
     uint32_t *owners; /* object of each beam */
     uint64_t count, room;
+    LightLanding *landings;
+    uint64_t landing_count, landing_room;
     uint64_t leak_count, irregular_count;
     LightTally tally;
 } Chunk;
@@ -59,6 +63,7 @@ typedef struct Branch {
     float emitted; /* largest channel of the ray's flux at the light */
     uint32_t bounces;
     bool is_direct; /* has met no boundary yet */
+    bool is_bent;   /* has been refracted or reflected */
 } Branch;
 
 static AmbStatus chunk_append(Chunk *chunk, const LightBeam *beam, uint32_t owner) {
@@ -86,6 +91,22 @@ static AmbStatus chunk_append(Chunk *chunk, const LightBeam *beam, uint32_t owne
     return AMB_OK;
 }
 
+static AmbStatus chunk_land(Chunk *chunk, const LightLanding *landing) {
+    if (chunk->landing_count == chunk->landing_room) {
+        const uint64_t room = chunk->landing_room > 0 ? 2 * chunk->landing_room : GRAIN;
+        LightLanding *landings = memory_alloc_array(room, sizeof *landings);
+        if (landings == NULL)
+            return status_fail(AMB_OUT_OF_MEMORY, "no memory for caustics");
+        if (chunk->landing_count > 0)
+            memcpy(landings, chunk->landings, chunk->landing_count * sizeof *landings);
+        memory_free(chunk->landings);
+        chunk->landings = landings;
+        chunk->landing_room = room;
+    }
+    chunk->landings[chunk->landing_count++] = *landing;
+    return AMB_OK;
+}
+
 static void tally_add(double sum[3], Rgb flux) {
     sum[0] += (double)flux.r;
     sum[1] += (double)flux.g;
@@ -99,7 +120,7 @@ static float slope(float cosine) {
 
 /* Emits the stretch of a branch inside a medium and attenuates it to its end. */
 static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, float length,
-                           float end_slope) {
+                           float end_slope, bool keeps_beams) {
     const Medium *medium = &medium_stack_material(scene, &branch->stack)->medium;
     const float clearest = rgb_min(medium->sigma_t);
     float visible = length;
@@ -112,7 +133,7 @@ static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, 
               rgb_mul(branch->flux,
                       rgb(1.0f - transmittance.r, 1.0f - transmittance.g, 1.0f - transmittance.b)));
     AmbStatus status = AMB_OK;
-    if (medium_scatters(medium)) {
+    if (keeps_beams && medium_scatters(medium)) {
         LightBeam beam = {.origin = branch->o,
                           .direction = branch->d,
                           .length = visible,
@@ -160,12 +181,14 @@ static Branch branch_on(const AmbScene *scene, const Arrival *arrival, bool is_r
     next.o = scene_leave(arrival->surface, next.d);
     next.start_slope = slope(vec3_dot(next.d, arrival->surface->ng));
     next.is_direct = false;
+    next.is_bent = next.is_bent || !is_refracted || arrival->crossing->eta != 1.0f;
     return next;
 }
 
 /* Whether a branch still carries enough of its ray's flux to be followed. */
-static bool is_worth(const Branch *branch) {
-    return rgb_max(branch->flux) > FLUX_MIN * branch->emitted;
+static bool is_worth(const Tracer *tracer, const Branch *branch) {
+    const float least = tracer->params->lands ? FLUX_MIN_LANDING : FLUX_MIN;
+    return rgb_max(branch->flux) > least * branch->emitted;
 }
 
 static Branch refract_branch(const Tracer *tracer, const Arrival *arrival) {
@@ -202,6 +225,22 @@ static float disc_falloff(const SceneLight *light, float distance) {
     return light->radius > 0.0f ? d2 / (d2 + light->radius * light->radius) : 1.0f;
 }
 
+/* A branch ends on an opaque surface. */
+static AmbStatus land(Chunk *chunk, const Branch *branch, const SurfacePoint *surface) {
+    const float cos_face = -vec3_dot(branch->d, surface->ng);
+    const float side = cos_face > 0.0f ? 1.0f : -1.0f;
+    const float cos_shading = -side * vec3_dot(branch->d, surface->ns);
+    if (fabsf(cos_face) < GRAZING_COS || !(cos_shading > 0.0f))
+        return AMB_OK;
+    LightLanding landing = {.p = surface->p,
+                            .n = vec3_scale(surface->ng, side),
+                            .flux = rgb_scale(branch->flux, cos_shading / fabsf(cos_face))};
+    for (int k = 0; k < TANGENT_COUNT; ++k)
+        landing.footprint[k] = branch->pairs[k].dp;
+    tally_add(chunk->tally.landed, landing.flux);
+    return chunk_land(chunk, &landing);
+}
+
 static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t index, Chunk *chunk) {
     const AmbScene *scene = tracer->scene;
     const LightTraceParams *params = tracer->params;
@@ -235,12 +274,15 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
             branch.flux = rgb_scale(branch.flux, disc_falloff(batch->emission.light, hit.t));
         const float cos_face = vec3_dot(branch.d, surface.ng);
         if (!is_outside)
-            AMB_TRY(emit_beam(chunk, scene, &branch, hit.t, slope(cos_face)));
+            AMB_TRY(emit_beam(chunk, scene, &branch, hit.t, slope(cos_face), !params->lands));
         for (int k = 0; k < TANGENT_COUNT; ++k)
             branch.pairs[k] =
                 tangent_travel_to_surface(branch.pairs[k], hit.t, branch.d, surface.ng);
-        if (surface.material->surface != AMB_SURFACE_DIELECTRIC)
+        if (surface.material->surface != AMB_SURFACE_DIELECTRIC) {
+            if (params->lands && branch.is_bent)
+                AMB_TRY(land(chunk, &branch, &surface));
             continue;
+        }
         const BoundaryCrossing crossing = boundary_cross(scene, &branch.stack, &surface, branch.d);
         if (crossing.is_ignored || (crossing.is_entering && !is_outside))
             ++chunk->irregular_count;
@@ -260,13 +302,15 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
             const Branch next = refract_branch(tracer, &arrival);
             if (is_outside && branch.is_direct)
                 tally_add(chunk->tally.entered, next.flux);
-            if (is_worth(&next))
+            if (is_worth(tracer, &next))
                 waiting[waiting_count++] = next;
         }
-        if (crossing.can_reflect && !is_outside && branch.bounces < params->bounces &&
-            waiting_count < ORDER_MAX) {
-            const Branch next = reflect_branch(tracer, &arrival);
-            if (is_worth(&next))
+        const bool reflects = is_outside ? params->lands : branch.bounces < params->bounces;
+        if (crossing.can_reflect && reflects && waiting_count < ORDER_MAX) {
+            Branch next = reflect_branch(tracer, &arrival);
+            if (is_outside)
+                next.bounces = branch.bounces;
+            if (is_worth(tracer, &next))
                 waiting[waiting_count++] = next;
         }
     }
@@ -357,6 +401,7 @@ static AmbStatus gather_chunks(const Tracer *tracer, uint64_t chunk_count, Light
         const Chunk *chunk = &tracer->chunks[c];
         for (uint64_t i = 0; i < chunk->count; ++i)
             ++field->objects[chunk->owners[i]].count;
+        field->landing_count += chunk->landing_count;
     }
     for (uint32_t o = 0; o < field->object_count; ++o) {
         LightBeams *beams = &field->objects[o];
@@ -366,10 +411,21 @@ static AmbStatus gather_chunks(const Tracer *tracer, uint64_t chunk_count, Light
                                (unsigned long long)beams->count);
         beams->count = 0;
     }
+    field->landings = memory_alloc_array(field->landing_count, sizeof *field->landings);
+    if (field->landings == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for %llu caustic photons",
+                           (unsigned long long)field->landing_count);
+    field->landing_count = 0;
     for (uint64_t c = 0; c < chunk_count; ++c) {
         if (job_is_cancelled(tracer->job))
             return AMB_CANCELLED;
         Chunk *chunk = &tracer->chunks[c];
+        if (chunk->landing_count > 0)
+            memcpy(field->landings + field->landing_count, chunk->landings,
+                   chunk->landing_count * sizeof *chunk->landings);
+        field->landing_count += chunk->landing_count;
+        memory_free(chunk->landings); /* half of the memory, from here on */
+        chunk->landings = NULL;
         for (uint64_t i = 0; i < chunk->count; ++i) {
             LightBeams *beams = &field->objects[chunk->owners[i]];
             beams->beams[beams->count++] = chunk->beams[i];
@@ -380,6 +436,7 @@ static AmbStatus gather_chunks(const Tracer *tracer, uint64_t chunk_count, Light
             field->tally.incident[k] += chunk->tally.incident[k];
             field->tally.entered[k] += chunk->tally.entered[k];
             field->tally.interacting[k] += chunk->tally.interacting[k];
+            field->tally.landed[k] += chunk->tally.landed[k];
         }
     }
     return AMB_OK;
@@ -411,6 +468,7 @@ AmbStatus light_trace(const AmbScene *scene, const LightTraceParams *params, Job
         for (uint64_t c = 0; c < chunk_count; ++c) {
             memory_free(tracer.chunks[c].beams);
             memory_free(tracer.chunks[c].owners);
+            memory_free(tracer.chunks[c].landings);
         }
     memory_free(tracer.chunks);
     memory_free(tracer.batches);
@@ -424,5 +482,6 @@ void light_field_clear(LightField *field) {
         for (uint32_t o = 0; o < field->object_count; ++o)
             memory_free(field->objects[o].beams);
     memory_free(field->objects);
+    memory_free(field->landings);
     memset(field, 0, sizeof *field);
 }

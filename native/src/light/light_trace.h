@@ -27,16 +27,28 @@ typedef struct LightBeams {
     uint64_t count;
 } LightBeams;
 
+/* Where a light ray that a boundary has bent ends on an opaque surface. */
+typedef struct LightLanding {
+    Vec3 p, n; /* m; unit geometric normal on the side that the light comes from */
+    Rgb flux;  /* W; times cos to the shading normal / cos to n: so that flux / area is what the
+                * surface's own shading makes of light from there */
+    Vec3 footprint[TANGENT_COUNT]; /* in the surface's plane, full extents, m: two span the cell
+                                    * of the lattice, two the extent of the source */
+} LightLanding;
+
 /* Flux in W per channel, summed over all lights. */
 typedef struct LightTally {
     double incident[3];    /* arriving at a boundary from a light */
     double entered[3];     /* into the medium */
     double interacting[3]; /* absorbed or scattered at least once along the traced beams */
+    double landed[3];      /* on opaque surfaces, of the landings kept */
 } LightTally;
 
 /* What the light pass leaves behind; const afterwards. */
 typedef struct LightField {
-    LightBeams *objects; /* by object, object_count */
+    LightBeams *objects;    /* by object, object_count; empty where landings are asked for */
+    LightLanding *landings; /* empty where beams are */
+    uint64_t landing_count;
     uint32_t object_count;
     uint64_t ray_count;       /* rays emitted */
     uint64_t leak_count;      /* rays that left an object through a hole of its mesh */
@@ -51,6 +63,9 @@ typedef struct LightTraceParams {
     uint32_t bounces;     /* internal reflections to follow */
     bool follows_through; /* go on with light that leaves an object, to others behind it */
     bool adjoint_normals; /* see BoundaryCrossing */
+    bool lands; /* keep landings instead of beams: light that boundaries refract, or reflect on
+                 * their outside, onto opaque surfaces. Light that passed boundaries between equal
+                 * indices alone goes straight on, and shadow rays know it */
     uint32_t seed;
 } LightTraceParams;
 

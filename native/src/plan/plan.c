@@ -8,6 +8,12 @@
  * make tighter boxes, fewer leave more rays for the same memory. */
 static const uint64_t SAMPLES_PER_RAY = 8;
 
+/* Light rays for caustics, in volume samples: a map of a million samples' rays is finer than a
+ * pixel of most pictures. */
+static const uint64_t SAMPLES_PER_CAUSTIC_RAY = 4;
+/* Kernels that overlap a point, by tests/bench/bench_caustics.py. */
+static const float CAUSTIC_OVERLAP = 16.0f;
+
 const char *plan_estimator_name(uint32_t estimator) {
     static const char *const names[] = {"AUTO", "POINTS_FIXED", "POINTS_COVARIANCE", "TUBES",
                                         "SPECULAR"};
@@ -21,9 +27,6 @@ AmbStatus plan_check(const AmbRenderParams *params) {
     if (params->scatter_estimator > AMB_SCATTER_WALK)
         return status_fail(AMB_UNSUPPORTED, "scatter estimator %u is not available in this version",
                            params->scatter_estimator);
-    if ((params->effects & AMB_EFFECT_CAUSTICS) != 0)
-        return status_fail(AMB_UNSUPPORTED,
-                           "caustics on opaque surfaces are not available in this version");
     return AMB_OK;
 }
 
@@ -180,11 +183,68 @@ static PlanEffect plan_transmitted(const AmbRenderParams *params, bool is_single
     return simulated(name, "it adds to the light in media, by probe rays");
 }
 
+static bool is_opaque(const AmbScene *scene, const SceneObject *object, uint32_t slot) {
+    const uint32_t last = object->material_count - 1;
+    const uint32_t material = object->materials[slot < last ? slot : last];
+    return scene->materials[material].surface == AMB_SURFACE_DIFFUSE;
+}
+
 static bool has_opaque_surface(const AmbScene *scene) {
-    for (uint32_t m = 0; m < scene->material_count; ++m)
-        if (scene->materials[m].surface == AMB_SURFACE_DIFFUSE)
-            return true;
+    for (uint32_t o = 0; o < scene->object_count; ++o) {
+        const SceneObject *object = &scene->objects[o];
+        const SceneMesh *mesh = &scene->meshes[object->mesh];
+        const uint64_t looked_at = mesh->slots != NULL ? mesh->triangle_count : 1;
+        for (uint64_t i = 0; i < looked_at; ++i)
+            if (is_opaque(scene, object, mesh->slots != NULL ? mesh->slots[i] : 0))
+                return true;
+    }
     return false;
+}
+
+static PlanEffect plan_light_on_surfaces(const AmbScene *scene, const AmbRenderParams *params) {
+    const char *name = "light through objects onto opaque surfaces";
+    if ((params->effects & AMB_EFFECT_CAUSTICS) == 0)
+        return skipped(name, "switched off");
+    if (!has_boundary(scene))
+        return skipped(name, "no translucent object");
+    if (!has_opaque_surface(scene))
+        return skipped(name, "no opaque surface");
+    if (!has_light(scene) && !(rgb_max(scene->world) > 0.0f))
+        return skipped(name, "no lamp, and the world is black");
+    return simulated(name, "a translucent object is there and an opaque surface");
+}
+
+/* Caustics are left out where less than this share of the light that arrives at translucent objects
+ * lands on opaque surfaces. */
+static const double CAUSTIC_SHARE_MIN = 2e-3;
+
+static AmbStatus plan_caustics(const AmbScene *scene, const AmbRenderParams *params, Job *job,
+                               bool is_lit_through, PlanEffect *out_effect) {
+    const char *name = "caustics on opaque surfaces";
+    if (!is_lit_through)
+        *out_effect = skipped(name, "no light through objects onto opaque surfaces");
+    else if (!has_light(scene))
+        *out_effect = skipped(name, "no lamp");
+    else if (!has_refraction(scene))
+        *out_effect = skipped(name, "no boundary refracts: every ior is 1");
+    else {
+        const LightTraceParams probe = {.ray_count = PROBE_RAYS,
+                                        .bounces = params->light_bounces,
+                                        .follows_through = true,
+                                        .lands = true,
+                                        .seed = params->seed};
+        LightField light;
+        AMB_TRY(light_trace(scene, &probe, job, &light));
+        const LightTally *tally = &light.tally;
+        const double landed = tally->landed[0] + tally->landed[1] + tally->landed[2];
+        const double incident = tally->incident[0] + tally->incident[1] + tally->incident[2];
+        light_field_clear(&light);
+        *out_effect = landed > CAUSTIC_SHARE_MIN * incident
+                          ? simulated(name, "light lands there, by probe rays")
+                          : skipped(name, "less than 0.2 % of the light at translucent objects "
+                                          "lands there, by probe rays");
+    }
+    return AMB_OK;
 }
 
 static PlanEffect plan_world(const AmbScene *scene, const AmbRenderParams *params) {
@@ -361,6 +421,9 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job 
     if (plan.has_field)
         AMB_TRY(probe_light(scene, params, job, &probe));
     effects[PLAN_TRANSMITTED_LIGHT] = plan_transmitted(params, plan.has_field, &probe);
+    effects[PLAN_LIGHT_ON_SURFACES] = plan_light_on_surfaces(scene, params);
+    const bool is_lit_through = effects[PLAN_LIGHT_ON_SURFACES].is_simulated;
+    AMB_TRY(plan_caustics(scene, params, job, is_lit_through, &effects[PLAN_CAUSTICS]));
     AMB_TRY(plan_estimator(scene, params, &probe, &plan));
 
     plan.light = (LightTraceParams){
@@ -375,6 +438,15 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job 
                                .adjoint_normals = params->adjoint_normals != 0};
 
     plan_set_light_samples(&plan, params->light_samples);
+    if (effects[PLAN_CAUSTICS].is_simulated)
+        plan.caustics = (CausticParams){
+            .light = {.ray_count = params->light_samples / SAMPLES_PER_CAUSTIC_RAY + 1,
+                      .bounces = params->light_bounces,
+                      .follows_through = true,
+                      .adjoint_normals = params->adjoint_normals != 0,
+                      .lands = true,
+                      .seed = params->seed},
+            .overlap = CAUSTIC_OVERLAP};
 
     static const struct {
         uint32_t effect, bit;
@@ -395,6 +467,7 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job 
         .bounces = effects[PLAN_CAMERA_BOUNCES].is_simulated ? params->camera_bounces : 0,
         .order_max = params->scatter_order_max,
         .seed = params->seed,
+        .shines_through = is_lit_through,
         .film_transparent = params->film_transparent != 0,
         .may_start_inside = may_start_inside(scene),
         .replicas = params->accuracy > 0.0f ? 2 : 1};

@@ -13,6 +13,8 @@ enum {
     PLAN_BACKGROUND,
     PLAN_TRANSMITTED_LIGHT,
     PLAN_WORLD_LIGHT,
+    PLAN_LIGHT_ON_SURFACES,
+    PLAN_CAUSTICS,
     PLAN_DOUBLE_SCATTERING,
     PLAN_MULTIPLE_SCATTERING,
     PLAN_EFFECT_COUNT
@@ -31,6 +33,7 @@ typedef struct Plan {
     const char *estimator_reason; /* one phrase, static storage */
     LightTraceParams light;
     FieldParams field;
+    CausticParams caustics; /* light.ray_count 0: none */
     CameraParams camera;
 } Plan;
 

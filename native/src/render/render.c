@@ -234,9 +234,20 @@ AmbStatus render_probe(AmbRender *render, Field *const fields[2]) {
     return status;
 }
 
-static AmbStatus run_stages(AmbRender *render) {
-    AMB_TRY(parallel_for(&render->job, render->film.height, 16, zero_rows, &render->film));
-    AMB_TRY(run_scene(render));
+static AmbStatus run_caustics(AmbRender *render, CausticMap **out_map) {
+    if (render->plan.caustics.light.ray_count == 0)
+        return AMB_OK;
+    set_stage(render, STAGE_LIGHT);
+    const StageClock begin = clock_stage(render);
+    AMB_TRY(caustics_create(render->scene, &render->plan.caustics, &render->job, out_map));
+    charge_stage(render, STAGE_LIGHT, begin);
+    render->caustics = caustics_account(*out_map);
+    render->plan.camera.caustics = *out_map;
+    return AMB_OK;
+}
+
+/* After the caustics, which the camera pass knows from its parameters. */
+static AmbStatus run_field_and_camera(AmbRender *render) {
     Field *field = NULL;
     if (!render->plan.has_field)
         render->accuracy.has_field = true; /* and 0: there is none */
@@ -249,6 +260,17 @@ static AmbStatus run_stages(AmbRender *render) {
     const AmbStatus status = run_camera(render, field);
     charge_stage(render, STAGE_CAMERA, begin);
     field_destroy(field);
+    return status;
+}
+
+static AmbStatus run_stages(AmbRender *render) {
+    AMB_TRY(parallel_for(&render->job, render->film.height, 16, zero_rows, &render->film));
+    AMB_TRY(run_scene(render));
+    CausticMap *caustics = NULL;
+    AMB_TRY(run_caustics(render, &caustics));
+    const AmbStatus status = run_field_and_camera(render);
+    render->plan.camera.caustics = NULL;
+    caustics_destroy(caustics);
     return status;
 }
 

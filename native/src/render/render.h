@@ -49,6 +49,7 @@ struct AmbRender {
     /* Constant once ended. */
     StageCost costs[STAGE_COUNT];
     FieldAccount account;
+    CausticAccount caustics;
     atomic_uint_least64_t camera_leak_count;
     uint64_t scene_bytes, peak_rss_bytes;
     bool has_plan;

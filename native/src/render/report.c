@@ -69,6 +69,14 @@ static void add_light(Text *text, const AmbRender *render) {
     add_rgb(text, "flux_interacting", render->account.tally.interacting, "},\n");
 }
 
+static void add_caustics(Text *text, const AmbRender *render) {
+    const CausticAccount *account = &render->caustics;
+    add(text, "  \"caustics\": {\"rays\": %llu, \"photons\": %llu, \"bytes\": %llu, ",
+        (unsigned long long)account->ray_count, (unsigned long long)account->photon_count,
+        (unsigned long long)account->bytes);
+    add_rgb(text, "flux_landed", account->landed, "},\n");
+}
+
 /* A string of the user's, as the inside of a JSON string. */
 static void add_escaped(Text *text, const char *string) {
     for (const unsigned char *c = (const unsigned char *)string; *c != 0; ++c) {
@@ -178,6 +186,7 @@ void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t
     add_stages(&text, render);
     add_memory(&text, render);
     add_light(&text, render);
+    add_caustics(&text, render);
     add_accuracy(&text, render);
     add_warnings(&text, render, orders + surface);
     add(&text, "  \"nonfinite\": %llu,\n  \"nonfinite_by\": {\"gather\": %llu, \"surface\": %llu}",

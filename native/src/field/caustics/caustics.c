@@ -1,0 +1,174 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * From landings of light to kernels. */
+#include "field/caustics/caustics.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+#include "field/caustics/caustic_tree.h"
+
+enum { GRAIN = 4096 };
+
+/* A kernel is at most so many times longer than wide: behind a fold neighbouring rays land on a
+ * line, and a kernel as thin as that would be a gap in the sum between its neighbours. */
+static const float ECCENTRICITY_MAX = 8.0f;
+/* Longest half-axis in units of that of the typical kernel: where light grazes or spreads it
+ * carries little, and need not be smooth. */
+static const float AXIS_MAX = 8.0f;
+/* Shortest, the same: at a focus. */
+static const float AXIS_MIN = 0.05f;
+/* A source with an extent is sampled by one point for each ray, so that cells of the lattice land
+ * apart by chance. Its image blurs the light in any case: a kernel as wide as part of it adds this
+ * share of its variance, and takes in more photons, but never so many that they take long. */
+static const float SOURCE_VARIANCE = 0.1f;
+static const float SOURCE_OVERLAP_MAX = 48.0f;
+
+struct CausticMap {
+    CausticTree tree; /* no photons: empty */
+    CausticAccount account;
+};
+
+/* Symmetric 2 x 2: the square of an ellipse's half-axes, m^2. */
+typedef struct Quadric {
+    float xx, xy, yy;
+} Quadric;
+
+typedef struct Placement {
+    const LightLanding *landings;
+    const CausticParams *params;
+    float axis; /* half-axis of the typical kernel, m */
+    CausticPhoton *photons;
+} Placement;
+
+static void add_square(Quadric *sum, float weight, float x, float y) {
+    sum->xx += weight * x * x;
+    sum->xy += weight * x * y;
+    sum->yy += weight * y * y;
+}
+
+static float footprint_area(const LightLanding *landing, int k) {
+    return fabsf(
+        vec3_dot(landing->n, vec3_cross(landing->footprint[k], landing->footprint[k + 1])));
+}
+
+/* The sum of the covariances of cell and source, each to its own share. The cell's ellipse has
+ * `overlap` times its area. */
+static Quadric landing_quadric(const LightLanding *landing, float overlap, Vec3 x, Vec3 y) {
+    const float cell = footprint_area(landing, 0);
+    const float source = footprint_area(landing, TANGENT_LATTICE);
+    /* Variances: a^2/6 of the kernel with half-axis a, e^2/12 of the source's full extent e. */
+    float share = 0.5f * SOURCE_VARIANCE;
+    if (share * AMB_PI * source > SOURCE_OVERLAP_MAX * cell)
+        share = SOURCE_OVERLAP_MAX * cell / (AMB_PI * source);
+    Quadric sum = {0, 0, 0};
+    for (int k = 0; k < TANGENT_COUNT; ++k)
+        add_square(&sum, k < TANGENT_LATTICE ? overlap / AMB_PI : share,
+                   vec3_dot(landing->footprint[k], x), vec3_dot(landing->footprint[k], y));
+    return sum;
+}
+
+static CausticPhoton place_photon(const Placement *placement, const LightLanding *landing) {
+    Vec3 x, y;
+    vec3_frame(landing->n, &x, &y);
+    const Quadric q = landing_quadric(landing, placement->params->overlap, x, y);
+    /* Its axes: half the angle of (xx - yy, 2 xy). */
+    const float mean = 0.5f * (q.xx + q.yy);
+    const float half = 0.5f * (q.xx - q.yy);
+    const float split = sqrtf(half * half + q.xy * q.xy);
+    const float angle = split > 0.0f ? 0.5f * atan2f(q.xy, half) : 0.0f;
+    const float most = AXIS_MAX * placement->axis, least = AXIS_MIN * placement->axis;
+    const float a = clampf(sqrtf(mean + split), least, most);
+    const float b = clampf(safe_sqrtf(mean - split), fmaxf(a / ECCENTRICITY_MAX, least), most);
+    const Vec3 along = vec3_madd(vec3_scale(x, cosf(angle)), sinf(angle), y);
+    const Vec3 across = vec3_cross(landing->n, along);
+    return (CausticPhoton){.p = landing->p,
+                           .n = landing->n,
+                           .u = vec3_scale(along, 1.0f / a),
+                           .v = vec3_scale(across, 1.0f / b),
+                           .peak = rgb_scale(landing->flux, 2.0f / (AMB_PI * a * b))};
+}
+
+static AmbStatus place_photons(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    const Placement *placement = user;
+    for (uint64_t i = begin; i < end; ++i)
+        placement->photons[i] = place_photon(placement, &placement->landings[i]);
+    return AMB_OK;
+}
+
+/* Geometric mean of the cells' areas, weighted by flux: neither a focus nor grazing light moves it
+ * much. 0: no area at all. */
+static double typical_area(const LightField *light) {
+    double sum = 0.0, weight = 0.0;
+    for (uint64_t i = 0; i < light->landing_count; ++i) {
+        const double flux = (double)rgb_mean(light->landings[i].flux);
+        const double area = (double)footprint_area(&light->landings[i], 0);
+        if (area > 0.0) {
+            sum += flux * log(area);
+            weight += flux;
+        }
+    }
+    return weight > 0.0 ? exp(sum / weight) : 0.0;
+}
+
+static AmbStatus build(const LightField *light, const CausticParams *params, Job *job,
+                       CausticMap *map) {
+    map->account.ray_count = light->ray_count;
+    memcpy(map->account.landed, light->tally.landed, sizeof map->account.landed);
+    const double area = typical_area(light);
+    if (!(area > 0.0))
+        return AMB_OK;
+    Placement placement = {.landings = light->landings,
+                           .params = params,
+                           .axis = sqrtf(params->overlap * (float)area / AMB_PI)};
+    placement.photons = memory_alloc_array(light->landing_count, sizeof *placement.photons);
+    if (placement.photons == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for %llu caustic photons",
+                           (unsigned long long)light->landing_count);
+    const AmbStatus status =
+        parallel_for(job, light->landing_count, GRAIN, place_photons, &placement);
+    if (status != AMB_OK) {
+        memory_free(placement.photons);
+        return status;
+    }
+    AMB_TRY(caustic_tree_build(placement.photons, light->landing_count, job, &map->tree));
+    map->account.photon_count = map->tree.photon_count;
+    map->account.bytes = map->tree.photon_count * sizeof(CausticPhoton) +
+                         (2 * map->tree.block_count - 1) * sizeof(CausticBox);
+    return AMB_OK;
+}
+
+AmbStatus caustics_create(const AmbScene *scene, const CausticParams *params, Job *job,
+                          CausticMap **out_map) {
+    *out_map = NULL;
+    CausticMap *map = memory_zero_array(1, sizeof *map);
+    if (map == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for caustics");
+    LightField light;
+    AmbStatus status = light_trace(scene, &params->light, job, &light);
+    if (status == AMB_OK) {
+        status = build(&light, params, job, map);
+        light_field_clear(&light);
+    }
+    if (status != AMB_OK) {
+        memory_free(map);
+        return status;
+    }
+    *out_map = map;
+    return AMB_OK;
+}
+
+void caustics_destroy(CausticMap *map) {
+    if (map == NULL)
+        return;
+    caustic_tree_clear(&map->tree);
+    memory_free(map);
+}
+
+Rgb caustics_irradiance(const CausticMap *map, Vec3 p, Vec3 n) {
+    return map->tree.photon_count > 0 ? caustic_tree_irradiance(&map->tree, p, n) : rgb(0, 0, 0);
+}
+
+CausticAccount caustics_account(const CausticMap *map) {
+    return map->account;
+}

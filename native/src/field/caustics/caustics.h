@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Light that refractive boundaries throw onto opaque surfaces: photons with the footprint that
+ * their tangent pairs give them. */
+#ifndef AMB_FIELD_CAUSTICS_CAUSTICS_H
+#define AMB_FIELD_CAUSTICS_CAUSTICS_H
+
+#include "light/light_trace.h"
+
+typedef struct CausticMap CausticMap;
+
+typedef struct CausticParams {
+    LightTraceParams light; /* lands */
+    float overlap;          /* photons that cover a point where light is even */
+} CausticParams;
+
+typedef struct CausticAccount {
+    uint64_t ray_count, photon_count, bytes;
+    double landed[3]; /* flux of all photons, W */
+} CausticAccount;
+
+/* Traces the light and builds the map, which may be empty. Same bits for any number of threads. */
+AmbStatus caustics_create(const AmbScene *scene, const CausticParams *params, Job *job,
+                          CausticMap **out_map);
+void caustics_destroy(CausticMap *map);
+
+/* Irradiance at a point of an opaque surface with unit geometric normal n, on n's side: what
+ * boundaries refract there, or reflect. Light that goes straight on through boundaries between
+ * equal indices is not in it. Any thread. */
+Rgb caustics_irradiance(const CausticMap *map, Vec3 p, Vec3 n);
+
+CausticAccount caustics_account(const CausticMap *map);
+
+#endif
