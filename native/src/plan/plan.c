@@ -11,8 +11,8 @@ static const uint64_t SAMPLES_PER_RAY = 8;
 /* Light rays for caustics, in volume samples: a map of a million samples' rays is finer than a
  * pixel of most pictures. */
 static const uint64_t SAMPLES_PER_CAUSTIC_RAY = 4;
-/* Kernels that overlap a point, by tests/bench/bench_caustics.py. */
-static const float CAUSTIC_OVERLAP = 16.0f;
+/* Photons that overlap a point of a surface, in units of kernel_size. */
+static const float CAUSTIC_OVERLAP = 4.0f;
 
 const char *plan_estimator_name(uint32_t estimator) {
     static const char *const names[] = {"AUTO", "POINTS_FIXED", "POINTS_COVARIANCE", "TUBES",
@@ -446,7 +446,7 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job 
                       .adjoint_normals = params->adjoint_normals != 0,
                       .lands = true,
                       .seed = params->seed},
-            .overlap = CAUSTIC_OVERLAP};
+            .overlap = CAUSTIC_OVERLAP * params->kernel_size};
 
     static const struct {
         uint32_t effect, bit;
