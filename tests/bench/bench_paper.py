@@ -60,7 +60,7 @@ def read_front(path: Path, estimator: str) -> list[Place]:
         ]
     places = [
         Place(
-            float(row["elements"]),
+            float(row["elements"] or "nan"),
             float(row["field_bytes"]) / 1e6,
             float(row["precompute_cpu_s"]),
             float(row["camera_cpu_s"]),
