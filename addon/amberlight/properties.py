@@ -41,6 +41,11 @@ enum_estimators = (
 enum_scatter_estimators = (
     ("AUTO", "Automatic", "Let the scene decide"),
     ("WALK", "Random Walk", "Random walks from the camera: noise, but no other error"),
+    (
+        "PHOTONS",
+        "Photons",
+        "Photons from the lamps, kept by depth below the surface: for jade, wax and milk",
+    ),
 )
 enum_effects = (
     ("AUTO", "Automatic", "Simulate what the scene shows, and say what was left out and why"),

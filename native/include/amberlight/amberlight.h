@@ -281,7 +281,8 @@ enum {
     AMB_SCATTER_AUTO = 0,
     AMB_SCATTER_WALK = 1,     /* random walks from the camera, the last scattering gathered from
                                * the light field: noise, no other bias than the field's */
-    AMB_SCATTER_PHOTONS = 2,  /* AMB_UNSUPPORTED in this version */
+    AMB_SCATTER_PHOTONS = 2,  /* photons from lamps and surroundings, kept in cells by depth: for
+                               * thick media; a fourth of light_samples are emitted */
     AMB_SCATTER_TREE_CUT = 3, /* AMB_UNSUPPORTED in this version */
 };
 

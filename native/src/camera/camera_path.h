@@ -4,7 +4,7 @@
 #define AMB_CAMERA_CAMERA_PATH_H
 
 #include "field/caustics/caustics.h"
-#include "field/field.h"
+#include "field/scatter/scatter.h"
 
 enum { CAMERA_ORDER_COUNT = 3 };
 
@@ -16,12 +16,13 @@ typedef struct CameraParams {
     uint32_t seed;
     uint32_t order_max; /* scatterings after which light is left out; 0: no limit */
     bool film_transparent;
-    bool may_start_inside; /* a translucent object is near where camera rays begin */
-    bool shines_through;   /* light reaches opaque surfaces through translucent objects; else
-                            * these cast black shadows */
-    uint32_t replicas;     /* independent sequences that cover a pixel in turn, >= 1: one is more
-                            * even, and between two the difference tells the error of their mean */
-    const Job *job;        /* a long walk ends where it is cancelled; NULL: never */
+    bool may_start_inside;  /* a translucent object is near where camera rays begin */
+    bool shines_through;    /* light reaches opaque surfaces through translucent objects; else
+                             * these cast black shadows */
+    uint32_t replicas;      /* independent sequences that cover a pixel in turn, >= 1: one is more
+                             * even, and between two the difference tells the error of their mean */
+    const Scatter *scatter; /* later orders and what scatters of the surroundings; NULL: by walks */
+    const Job *job;         /* a long walk ends where it is cancelled; NULL: never */
 } CameraParams;
 
 typedef struct CameraSample {

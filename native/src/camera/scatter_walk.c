@@ -226,6 +226,20 @@ static void gather(Walk *walk, float length) {
     add(walk, walk->order + 1, field_gather(walker->field, &segment).radiance);
 }
 
+/* The same for all that has scattered before, where it is known: then nothing is left to a walk
+ * but what the walls reflect. */
+static void gather_later(Walk *walk, float length) {
+    const CameraParams *params = walk->walker->params;
+    const FieldSegment segment = {walk->o, walk->d, length, medium_stack_top(&walk->stack)};
+    const ScatterRadiance radiance = scatter_gather(params->scatter, &segment);
+    if ((params->effects & AMB_EFFECT_WORLD_LIGHT) != 0 && wants_order(params, 1))
+        add(walk, 1, radiance.once);
+    if (wants_order(params, 2))
+        add(walk, 2, radiance.twice);
+    if (wants_order(params, 3))
+        add(walk, 3, radiance.more);
+}
+
 /* One segment and what follows it. False: the walk has ended. */
 static bool step(Walk *walk) {
     const Walker *walker = walk->walker;
@@ -236,7 +250,9 @@ static bool step(Walk *walk) {
     Choice choice = {0, 0, 0};
     if (material != NULL) {
         transmittance = medium_transmittance(&material->medium, length);
-        if (medium_scatters(&material->medium)) {
+        if (medium_scatters(&material->medium) && walker->params->scatter != NULL) {
+            gather_later(walk, length);
+        } else if (medium_scatters(&material->medium)) {
             gather(walk, length);
             /* One more is of use if it can be seen from outside, or lit by a gather after it. */
             const uint32_t next = walk->order + 1;

@@ -3,6 +3,7 @@
 #include "plan/plan.h"
 
 #include "field/tubes/tube_source.h"
+#include "plan/plan_scatter.h"
 
 /* Volume samples along one light ray, on average. More of them follow a caustic more closely and
  * make tighter boxes, fewer leave more rays for the same memory. */
@@ -24,9 +25,9 @@ AmbStatus plan_check(const AmbRenderParams *params) {
     if (params->estimator > AMB_ESTIMATOR_SPECULAR)
         return status_fail(AMB_UNSUPPORTED, "estimator %s is not available in this version",
                            plan_estimator_name(params->estimator));
-    if (params->scatter_estimator > AMB_SCATTER_WALK)
-        return status_fail(AMB_UNSUPPORTED, "scatter estimator %u is not available in this version",
-                           params->scatter_estimator);
+    if (params->scatter_estimator > AMB_SCATTER_PHOTONS)
+        return status_fail(AMB_UNSUPPORTED, "scatter estimator %s is not available in this version",
+                           plan_scatter_estimator_name(params->scatter_estimator));
     return AMB_OK;
 }
 
@@ -447,6 +448,7 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job 
                       .lands = true,
                       .seed = params->seed},
             .overlap = CAUSTIC_OVERLAP * params->kernel_size};
+    plan_scatter(scene, params, &plan);
 
     static const struct {
         uint32_t effect, bit;

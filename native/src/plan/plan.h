@@ -31,9 +31,12 @@ typedef struct Plan {
     bool has_field;               /* an effect gathers light of lamps in media */
     uint32_t estimator;           /* resolved, not AUTO */
     const char *estimator_reason; /* one phrase, static storage */
+    uint32_t scatter_estimator;   /* resolved, not AUTO; of no effect without later orders */
+    const char *scatter_estimator_reason; /* one phrase, static storage */
     LightTraceParams light;
     FieldParams field;
     CausticParams caustics; /* light.ray_count 0: none */
+    ScatterParams scatter;  /* of PHOTONS */
     CameraParams camera;
 } Plan;
 
@@ -49,5 +52,6 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job 
 void plan_set_light_samples(Plan *plan, uint64_t samples);
 
 const char *plan_estimator_name(uint32_t estimator);
+const char *plan_scatter_estimator_name(uint32_t estimator);
 
 #endif

@@ -211,6 +211,25 @@ static AmbStatus run_field(AmbRender *render, const LightField *light, Field **o
     return status;
 }
 
+/* Light of later orders, if photons bring it. */
+static AmbStatus run_scatter(AmbRender *render, Scatter **out_scatter) {
+    *out_scatter = NULL;
+    if (render->plan.scatter_estimator != AMB_SCATTER_PHOTONS)
+        return AMB_OK;
+    set_stage(render, STAGE_FIELD);
+    const StageClock begin = clock_stage(render);
+    const AmbStatus status =
+        scatter_create(render->scene, &render->plan.scatter, &render->job, out_scatter);
+    charge_stage(render, STAGE_FIELD, begin);
+    if (status == AMB_OK) {
+        render->plan.camera.scatter = *out_scatter;
+        render->scatter = (ScatterAccount){.cell_count = scatter_cell_count(*out_scatter),
+                                           .bytes = scatter_bytes(*out_scatter),
+                                           .tally = *scatter_tally(*out_scatter)};
+    }
+    return status;
+}
+
 AmbStatus render_build_field(AmbRender *render, Field **out_field) {
     LightField light = {.object_count = 0};
     /* The others refract at the mesh's own triangles: no light ray is traced for them. */
@@ -246,19 +265,26 @@ static AmbStatus run_caustics(AmbRender *render, CausticMap **out_map) {
     return AMB_OK;
 }
 
-/* After the caustics, which the camera pass knows from its parameters. */
-static AmbStatus run_field_and_camera(AmbRender *render) {
-    Field *field = NULL;
+static AmbStatus run_light_side(AmbRender *render, Field **out_field) {
     if (!render->plan.has_field)
         render->accuracy.has_field = true; /* and 0: there is none */
     else if (render->accuracy.target > 0.0f)
-        AMB_TRY(accuracy_choose_field(render, &field));
+        return accuracy_choose_field(render, out_field);
     else
-        AMB_TRY(render_build_field(render, &field));
-    set_stage(render, STAGE_CAMERA);
-    const StageClock begin = clock_stage(render);
-    const AmbStatus status = run_camera(render, field);
-    charge_stage(render, STAGE_CAMERA, begin);
+        return render_build_field(render, out_field);
+    return AMB_OK;
+}
+
+/* After what the camera pass knows from its parameters. */
+static AmbStatus run_field_and_camera(AmbRender *render) {
+    Field *field = NULL;
+    AmbStatus status = run_light_side(render, &field);
+    if (status == AMB_OK) {
+        set_stage(render, STAGE_CAMERA);
+        const StageClock begin = clock_stage(render);
+        status = run_camera(render, field);
+        charge_stage(render, STAGE_CAMERA, begin);
+    }
     field_destroy(field);
     return status;
 }
@@ -267,10 +293,16 @@ static AmbStatus run_stages(AmbRender *render) {
     AMB_TRY(parallel_for(&render->job, render->film.height, 16, zero_rows, &render->film));
     AMB_TRY(run_scene(render));
     CausticMap *caustics = NULL;
-    AMB_TRY(run_caustics(render, &caustics));
-    const AmbStatus status = run_field_and_camera(render);
+    Scatter *scatter = NULL;
+    AmbStatus status = run_caustics(render, &caustics);
+    if (status == AMB_OK)
+        status = run_scatter(render, &scatter);
+    if (status == AMB_OK)
+        status = run_field_and_camera(render);
     render->plan.camera.caustics = NULL;
+    render->plan.camera.scatter = NULL;
     caustics_destroy(caustics);
+    scatter_destroy(scatter);
     return status;
 }
 

@@ -23,6 +23,12 @@ typedef struct FieldAccount {
     LightTally tally;
 } FieldAccount;
 
+/* What photons of later orders did. */
+typedef struct ScatterAccount {
+    uint64_t cell_count, bytes;
+    ScatterTally tally;
+} ScatterAccount;
+
 struct AmbRender {
     AmbScene *scene;
     AmbRenderParams params;
@@ -50,6 +56,7 @@ struct AmbRender {
     StageCost costs[STAGE_COUNT];
     FieldAccount account;
     CausticAccount caustics;
+    ScatterAccount scatter;
     atomic_uint_least64_t camera_leak_count;
     uint64_t scene_bytes, peak_rss_bytes;
     bool has_plan;

@@ -77,6 +77,21 @@ static void add_caustics(Text *text, const AmbRender *render) {
     add_rgb(text, "flux_landed", account->landed, "},\n");
 }
 
+static void add_scatter(Text *text, const AmbRender *render) {
+    const ScatterAccount *scatter = &render->scatter;
+    add(text, "  \"scatter\": {\"estimator\": \"%s\", \"reason\": \"%s\", ",
+        plan_scatter_estimator_name(render->plan.scatter_estimator),
+        render->plan.scatter_estimator_reason);
+    add(text, "\"photons\": %llu, \"collisions\": %llu, \"cells\": %llu, \"bytes\": %llu, ",
+        (unsigned long long)scatter->tally.photon_count,
+        (unsigned long long)scatter->tally.collision_count, (unsigned long long)scatter->cell_count,
+        (unsigned long long)scatter->bytes);
+    add_rgb(text, "flux_entered", scatter->tally.entered, ", ");
+    add_rgb(text, "flux_absorbed", scatter->tally.absorbed, ", ");
+    add_rgb(text, "flux_escaped", scatter->tally.escaped, ", ");
+    add_rgb(text, "flux_lost", scatter->tally.lost, "},\n");
+}
+
 /* A string of the user's, as the inside of a JSON string. */
 static void add_escaped(Text *text, const char *string) {
     for (const unsigned char *c = (const unsigned char *)string; *c != 0; ++c) {
@@ -187,6 +202,8 @@ void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t
     add_memory(&text, render);
     add_light(&text, render);
     add_caustics(&text, render);
+    if (render->has_plan)
+        add_scatter(&text, render);
     add_accuracy(&text, render);
     add_warnings(&text, render, orders + surface);
     add(&text, "  \"nonfinite\": %llu,\n  \"nonfinite_by\": {\"gather\": %llu, \"surface\": %llu}",

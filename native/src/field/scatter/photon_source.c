@@ -5,27 +5,51 @@
 #include <string.h>
 
 #include "base/memory.h"
-#include "base/rng.h"
 
-/* W, mean of the channels. */
-static double batch_power(const PhotonSource *source, const PhotonBatch *batch) {
-    if (batch->emission.light != NULL)
-        return (double)light_power_towards(&batch->emission);
-    const double radius = (double)batch->emission.target_radius;
-    const double pi = (double)AMB_PI;
-    return (double)rgb_mean(source->world) * 4.0 * pi * pi * radius * radius;
+enum {
+    PROBE_LINES = 1024, /* that tell how bright an object's surroundings are */
+    PROBE_SURFACES = 32
+};
+
+static Photon emit_line(const PhotonBatch *batch, uint64_t i);
+
+/* Radiance of what is behind p against d, translucent objects left aside. */
+static Rgb background(const AmbScene *scene, Vec3 p, Vec3 d, Rng rng) {
+    const Vec3 back = vec3_negate(d);
+    Hit hit;
+    for (int i = 0; i < PROBE_SURFACES && scene_intersect(scene, p, back, INFINITY, &hit); ++i) {
+        const SurfacePoint surface = scene_surface(scene, &hit);
+        if (surface.material->surface != AMB_SURFACE_DIELECTRIC)
+            return photon_surface_radiance(scene, &surface, d, rng, 0);
+        p = scene_leave(&surface, back);
+    }
+    return scene->world;
+}
+
+/* Flux from around an object towards it, W, about. */
+static double surroundings_power(const AmbScene *scene, const PhotonBatch *batch, uint32_t seed) {
+    PhotonBatch probe = *batch;
+    probe.emission.count = PROBE_LINES;
+    double power = 0.0;
+    for (uint32_t i = 0; i < PROBE_LINES; ++i) {
+        const Photon line = emit_line(&probe, i);
+        const Rng rng = rng_create(seed, RNG_STAGE_PHOTON, i);
+        const Rgb radiance = background(scene, probe.emission.target, line.d, rng);
+        power += (double)rgb_mean(rgb_mul(line.flux, radiance));
+    }
+    return power;
 }
 
 static void add_batch(PhotonSource *source, const PhotonBatch *batch) {
-    if (batch_power(source, batch) > 0.0)
+    if (batch->power > 0.0)
         source->batches[source->batch_count++] = *batch;
 }
 
-static void list_batches(const AmbScene *scene, bool has_world, uint32_t seed,
+static void list_batches(const AmbScene *scene, bool has_surroundings, uint32_t seed,
                          PhotonSource *source) {
-    const uint32_t world = scene->light_count; /* comes after the lamps */
-    for (uint32_t l = 0; l < scene->light_count + (has_world ? 1u : 0u); ++l) {
-        const SceneLight *light = l < world ? &scene->lights[l] : NULL;
+    const uint32_t last = scene->light_count; /* the surroundings come after the lamps */
+    for (uint32_t l = 0; l < last + (has_surroundings ? 1u : 0u); ++l) {
+        const SceneLight *light = l < last ? &scene->lights[l] : NULL;
         MediumStack start = {0};
         if (light != NULL && light->kind != AMB_LIGHT_SUN)
             start = scene_media_at(scene, light->position);
@@ -47,6 +71,8 @@ static void list_batches(const AmbScene *scene, bool has_world, uint32_t seed,
                                  .target = o};
             if (start.count > 0)
                 batch.emission.target_radius = INFINITY; /* every direction */
+            batch.power = light != NULL ? (double)light_power_towards(&batch.emission)
+                                        : surroundings_power(scene, &batch, seed);
             add_batch(source, &batch);
         }
     }
@@ -56,12 +82,12 @@ static void list_batches(const AmbScene *scene, bool has_world, uint32_t seed,
 static void share_photons(PhotonSource *source) {
     double total = 0.0;
     for (uint64_t b = 0; b < source->batch_count; ++b)
-        total += batch_power(source, &source->batches[b]);
+        total += source->batches[b].power;
     double running = 0.0;
     uint64_t first = 0;
     for (uint64_t b = 0; b < source->batch_count; ++b) {
         PhotonBatch *batch = &source->batches[b];
-        running += 0.5 * batch_power(source, batch) / total + 0.5 / (double)source->batch_count;
+        running += 0.5 * batch->power / total + 0.5 / (double)source->batch_count;
         uint64_t end = (uint64_t)((double)source->photon_count * running);
         if (b + 1 == source->batch_count)
             end = source->photon_count;
@@ -71,14 +97,14 @@ static void share_photons(PhotonSource *source) {
     }
 }
 
-AmbStatus photon_source_create(const AmbScene *scene, uint64_t photon_count, bool has_world,
+AmbStatus photon_source_create(const AmbScene *scene, uint64_t photon_count, bool has_surroundings,
                                uint32_t seed, PhotonSource *out_source) {
-    *out_source = (PhotonSource){.photon_count = photon_count, .world = scene->world};
+    *out_source = (PhotonSource){.photon_count = photon_count};
     out_source->batches = memory_zero_array(
         ((uint64_t)scene->light_count + 1) * scene->object_count, sizeof(PhotonBatch));
     if (out_source->batches == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for the plan of photons");
-    list_batches(scene, has_world, seed, out_source);
+    list_batches(scene, has_surroundings, seed, out_source);
     share_photons(out_source);
     if (out_source->batch_count == 0)
         out_source->photon_count = 0;
@@ -90,7 +116,8 @@ void photon_source_clear(PhotonSource *source) {
     memset(source, 0, sizeof *source);
 }
 
-static Photon emit_world(const PhotonSource *source, const PhotonBatch *batch, uint64_t i) {
+/* A line through the object's bounding sphere, and the flux along it of radiance 1. */
+static Photon emit_line(const PhotonBatch *batch, uint64_t i) {
     const LightEmission *emission = &batch->emission;
     Photon photon = {.batch = batch};
     photon.d = sample_cap(sample_fibonacci(i, emission->count, emission->shift_v), 2.0f);
@@ -101,7 +128,7 @@ static Photon emit_world(const PhotonSource *source, const PhotonBatch *batch, u
     photon.o = vec3_madd(emission->target, -emission->distance, photon.d);
     photon.o = vec3_madd(vec3_madd(photon.o, radius * disc.u, x), radius * disc.v, y);
     const float share = 4.0f * AMB_PI * AMB_PI * radius * radius / (float)emission->count;
-    photon.flux = rgb_scale(source->world, share);
+    photon.flux = rgb(share, share, share);
     return photon;
 }
 
@@ -117,7 +144,7 @@ Photon photon_emit(const PhotonSource *source, uint64_t i) {
     /* Of batches without photons, which begin where the next one does, the last was found. */
     const PhotonBatch *batch = &source->batches[low];
     if (batch->emission.light == NULL)
-        return emit_world(source, batch, i - batch->first);
+        return emit_line(batch, i - batch->first);
     const LightRay ray = light_emit(&batch->emission, i - batch->first);
     return (Photon){.o = ray.o, .d = ray.d, .flux = ray.flux, .batch = batch};
 }
@@ -127,4 +154,31 @@ float photon_falloff(const Photon *photon, float t) {
     if (light == NULL || !(light->radius > 0.0f))
         return 1.0f;
     return t * t / (t * t + light->radius * light->radius);
+}
+
+Rgb photon_surface_radiance(const AmbScene *scene, const SurfacePoint *surface, Vec3 d, Rng rng,
+                            uint32_t dimension) {
+    const float side = vec3_dot(d, surface->ng) > 0.0f ? 1.0f : -1.0f;
+    const Vec3 ng = vec3_scale(surface->ng, side);
+    const Vec3 ns = vec3_scale(surface->ns, side);
+    const Vec3 p = scene_leave(surface, ng);
+    Rgb irradiance = rgb(0, 0, 0);
+    for (uint32_t l = 0; l < scene->light_count; ++l, dimension += 2) {
+        const Sample2 u = {rng_float(rng, dimension), rng_float(rng, dimension + 1)};
+        const LightArrival light = light_arrival(&scene->lights[l], surface->p, u);
+        const float cosine = vec3_dot(light.wi, ns);
+        if (cosine > 0.0f && vec3_dot(light.wi, ng) > 0.0f && rgb_max(light.irradiance) > 0.0f &&
+            !scene_is_occluded(scene, p, light.wi, light.distance))
+            irradiance = rgb_add(irradiance, rgb_scale(light.irradiance, cosine));
+    }
+    Rgb radiance = rgb_scale(rgb_mul(surface->material->albedo, irradiance), 1.0f / AMB_PI);
+    if (rgb_max(scene->world) > 0.0f) {
+        Vec3 x, y;
+        vec3_frame(ns, &x, &y);
+        const Sample2 u = {rng_float(rng, dimension), rng_float(rng, dimension + 1)};
+        const Vec3 wi = frame_to_world(x, y, ns, sample_cosine_hemisphere(u));
+        if (vec3_dot(wi, ng) > 0.0f && !scene_is_occluded(scene, p, wi, INFINITY))
+            radiance = rgb_add(radiance, rgb_mul(surface->material->albedo, scene->world));
+    }
+    return rgb_add(radiance, surface->material->emission);
 }

@@ -3,11 +3,13 @@
 #ifndef AMB_FIELD_SCATTER_PHOTON_SOURCE_H
 #define AMB_FIELD_SCATTER_PHOTON_SOURCE_H
 
+#include "base/rng.h"
 #include "scene/boundary.h"
 
-/* Photons of one lamp, or of the world, towards one object. */
+/* Photons of one lamp, or of its surroundings, towards one object. */
 typedef struct PhotonBatch {
-    LightEmission emission; /* light NULL: the world */
+    LightEmission emission; /* light NULL: the surroundings, see photon_surroundings */
+    double power;           /* W, mean of the channels, about: divides photons among batches */
     MediumStack start;      /* media around the lamp */
     uint32_t target;
     uint64_t first; /* index of its first photon among all */
@@ -16,21 +18,26 @@ typedef struct PhotonBatch {
 typedef struct PhotonSource {
     PhotonBatch *batches;
     uint64_t batch_count, photon_count;
-    Rgb world;
 } PhotonSource;
 
 typedef struct Photon {
     Vec3 o, d; /* d unit */
-    Rgb flux;  /* W */
+    Rgb flux;  /* W; from the surroundings: for a radiance of 1 */
     const PhotonBatch *batch;
 } Photon;
 
-AmbStatus photon_source_create(const AmbScene *scene, uint64_t photon_count, bool has_world,
+AmbStatus photon_source_create(const AmbScene *scene, uint64_t photon_count, bool has_surroundings,
                                uint32_t seed, PhotonSource *out_source);
 void photon_source_clear(PhotonSource *source);
 
 /* Photon i < photon_count. Those of a batch form a lattice, as the rays of the light pass do. */
 Photon photon_emit(const PhotonSource *source, uint64_t i);
+
+/* Radiance that an opaque surface outside of all media sends along d: lamps and the world straight
+ * from there, as for camera paths, translucent objects casting black shadows. Three random numbers
+ * for each lamp and for the world, from `dimension` on. */
+Rgb photon_surface_radiance(const AmbScene *scene, const SurfacePoint *surface, Vec3 d, Rng rng,
+                            uint32_t dimension);
 
 /* Share of the flux that reaches distance t, of a photon that nothing stopped: the falloff of
  * Cycles' discs (see light_trace). */

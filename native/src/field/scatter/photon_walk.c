@@ -23,7 +23,8 @@ typedef struct Walker {
     MediumStack stack;
     uint32_t order;       /* scatterings so far */
     uint32_t reflections; /* internal ones, before the first scattering */
-    bool is_of_world, is_direct;
+    bool is_of_surroundings;
+    bool is_straight; /* from a lamp, nothing met yet */
 } Walker;
 
 static float next_random(Walker *walker) {
@@ -101,7 +102,7 @@ static bool collide(Walker *walker, const Medium *medium, uint32_t object, Rgb s
     const float depth = depth_grid_at(&cells->depth, walker->o);
     walker->depth = depth > 0.0f ? depth : 0.0f;
     /* The first scattering of a lamp's light is the light field's. */
-    if (walker->order > 1 || walker->is_of_world) {
+    if (walker->order > 1 || walker->is_of_surroundings) {
         const uint32_t layer = scatter_layer_at(cells, walker->depth);
         if (layer < cells->layer_count) {
             float harmonics[HARMONIC_COUNT_MAX];
@@ -173,17 +174,38 @@ static bool fly(Walker *walker, Hit *out_hit, bool *out_ends) {
     return false;
 }
 
+/* A lamp in a medium lights what is opaque there: that is of the surroundings, once. */
+static bool meet_opaque(Walker *walker, const SurfacePoint *surface) {
+    if (walker->stack.count == 0)
+        return false;
+    const Rgb before = walker->flux;
+    const bool goes_on = walker->is_straight && walker->walk->params->has_world;
+    walker->flux = rgb_scale(rgb_mul(before, surface->material->albedo), goes_on ? 1.0f : 0.0f);
+    tally_add(walker->tally->absorbed, before);
+    tally_add(walker->tally->absorbed, rgb_scale(walker->flux, -1.0f));
+    const float side = vec3_dot(walker->d, surface->ng) < 0.0f ? 1.0f : -1.0f;
+    const Vec3 n = vec3_scale(surface->ns, side);
+    Vec3 x, y;
+    vec3_frame(n, &x, &y);
+    const float u = next_random(walker);
+    const Sample2 s = {u, next_random(walker)};
+    walker->d = frame_to_world(x, y, n, sample_cosine_hemisphere(s));
+    walker->o = scene_leave(surface, vec3_scale(surface->ng, side));
+    walker->depth = 0.0f;
+    walker->is_straight = false;
+    walker->is_of_surroundings = true;
+    return goes_on && vec3_dot(walker->d, surface->ng) * side > 0.0f;
+}
+
 /* Light goes on beyond a boundary, or back from it. False: it ends there. */
 static bool meet(Walker *walker, const Hit *hit) {
     const AmbScene *scene = walker->walk->scene;
     const ScatterParams *params = walker->walk->params;
     const SurfacePoint surface = scene_surface(scene, hit);
     const bool is_outside = walker->stack.count == 0;
-    if (surface.material->surface != AMB_SURFACE_DIELECTRIC) {
-        if (!is_outside)
-            tally_add(walker->tally->absorbed, walker->flux);
-        return false;
-    }
+    if (surface.material->surface != AMB_SURFACE_DIELECTRIC)
+        return meet_opaque(walker, &surface);
+    walker->is_straight = false;
     const BoundaryCrossing crossing = boundary_cross(scene, &walker->stack, &surface, walker->d);
     if (crossing.is_ignored) {
         walker->o = scene_leave(&surface, walker->d);
@@ -218,7 +240,8 @@ static bool meet(Walker *walker, const Hit *hit) {
         walker->flux = rgb_mul(walker->flux, surface.material->reflect_color);
         if (is_adjoint)
             weight *= crossing.adjoint_reflect;
-        if (walker->order == 0 && ++walker->reflections > params->light_bounces)
+        if (walker->order == 0 && !walker->is_of_surroundings &&
+            ++walker->reflections > params->light_bounces)
             return false;
     }
     walker->flux = rgb_scale(walker->flux, weight);
@@ -230,7 +253,7 @@ static bool meet(Walker *walker, const Hit *hit) {
             tally_add(walker->tally->entered, walker->flux);
         if (walker->stack.count == 0) {
             tally_add(walker->tally->escaped, walker->flux);
-            return params->follows_through;
+            return walker->order > 0 || walker->is_of_surroundings || params->follows_through;
         }
     }
     return true;
@@ -250,10 +273,68 @@ static bool survives(Walker *walker) {
     return true;
 }
 
+/* Follows a photon that meets a boundary, or is in a medium (hit NULL). */
+static void follow(Walker *walker, const Hit *first) {
+    if (first != NULL && !meet(walker, first))
+        return;
+    walker->worth = rgb_max(walker->flux);
+    const uint32_t order_max = walker->walk->params->order_max;
+    for (uint32_t boundaries = 0; boundaries < BOUNDARY_MAX;) {
+        Hit hit;
+        bool ends = false;
+        if (fly(walker, &hit, &ends)) {
+            ++boundaries;
+            if (!meet(walker, &hit))
+                return;
+        }
+        if (ends || (order_max > 0 && walker->order >= order_max) || !survives(walker))
+            return;
+    }
+    tally_add(walker->tally->lost, walker->flux);
+}
+
+/* A line from far away through the object: wherever it comes to the boundary, light of what is
+ * behind it enters, of the world or of an opaque surface. What is behind another translucent
+ * object comes through that one. */
+static void follow_line(Walker *walker, const Photon *line) {
+    const AmbScene *scene = walker->walk->scene;
+    Rgb radiance = scene->world;
+    MediumStack stack = {0};
+    Vec3 o = line->o;
+    for (uint32_t boundaries = 0; boundaries < BOUNDARY_MAX; ++boundaries) {
+        Hit hit;
+        if (!scene_intersect(scene, o, line->d, INFINITY, &hit))
+            return;
+        const SurfacePoint surface = scene_surface(scene, &hit);
+        o = scene_leave(&surface, line->d);
+        if (surface.material->surface != AMB_SURFACE_DIELECTRIC) {
+            if (stack.count == 0)
+                radiance = photon_surface_radiance(scene, &surface, line->d, walker->rng,
+                                                   walker->dimension);
+            walker->dimension += 2 * (scene->light_count + 1);
+            continue;
+        }
+        const BoundaryCrossing crossing = boundary_cross(scene, &stack, &surface, line->d);
+        if (crossing.is_ignored)
+            continue;
+        if (stack.count == 0 && surface.object == line->batch->target && rgb_max(radiance) > 0.0f) {
+            walker->d = line->d;
+            walker->stack = stack;
+            walker->flux = rgb_mul(line->flux, radiance);
+            walker->order = 0;
+            follow(walker, &hit);
+        }
+        if (crossing.beyond.count == 0)
+            radiance = rgb(0, 0, 0);
+        stack = crossing.beyond;
+    }
+}
+
 void photon_walk(const PhotonWalk *walk, uint64_t i, float *const *moments, ScatterTally *tally) {
     const Photon photon = photon_emit(walk->source, i);
     if (!(rgb_max(photon.flux) > 0.0f))
         return;
+    const bool is_of_lamp = photon.batch->emission.light != NULL;
     Walker walker = {.walk = walk,
                      .moments = moments,
                      .tally = tally,
@@ -261,12 +342,15 @@ void photon_walk(const PhotonWalk *walk, uint64_t i, float *const *moments, Scat
                      .o = photon.o,
                      .d = photon.d,
                      .flux = photon.flux,
-                     .worth = rgb_max(photon.flux),
                      .stack = photon.batch->start,
-                     .is_of_world = photon.batch->emission.light == NULL};
+                     .is_of_surroundings = !is_of_lamp,
+                     .is_straight = is_of_lamp};
     ++tally->photon_count;
-    if (walker.stack.count > 0) {
+    if (!is_of_lamp) {
+        follow_line(&walker, &photon);
+    } else if (walker.stack.count > 0) {
         tally_add(tally->entered, photon.flux);
+        follow(&walker, NULL);
     } else {
         /* Each object that a light reaches first has photons of its own. */
         Hit hit;
@@ -274,21 +358,6 @@ void photon_walk(const PhotonWalk *walk, uint64_t i, float *const *moments, Scat
             hit.geometry != photon.batch->target)
             return;
         walker.flux = rgb_scale(walker.flux, photon_falloff(&photon, hit.t));
-        if (!meet(&walker, &hit))
-            return;
-        walker.worth = rgb_max(walker.flux);
+        follow(&walker, &hit);
     }
-    const uint32_t order_max = walk->params->order_max;
-    for (uint32_t boundaries = 0; boundaries < BOUNDARY_MAX;) {
-        Hit hit;
-        bool ends = false;
-        if (fly(&walker, &hit, &ends)) {
-            ++boundaries;
-            if (!meet(&walker, &hit))
-                return;
-        }
-        if (ends || (order_max > 0 && walker.order >= order_max) || !survives(&walker))
-            return;
-    }
-    tally_add(tally->lost, walker.flux);
 }

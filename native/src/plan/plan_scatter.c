@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Who simulates light of later orders. */
+#include "plan/plan_scatter.h"
+
+const char *plan_scatter_estimator_name(uint32_t estimator) {
+    static const char *const names[] = {"AUTO", "WALK", "PHOTONS", "TREE_CUT"};
+    return estimator < sizeof names / sizeof names[0] ? names[estimator] : "UNKNOWN";
+}
+
+static bool has_later_orders(const Plan *plan) {
+    return plan->effects[PLAN_DOUBLE_SCATTERING].is_simulated ||
+           plan->effects[PLAN_MULTIPLE_SCATTERING].is_simulated ||
+           plan->effects[PLAN_WORLD_LIGHT].is_simulated;
+}
+
+/* One photon for so many volume samples: a path of the one and a place of the other cost about as
+ * much. */
+static const uint64_t SAMPLES_PER_PHOTON = 4;
+/* Photons for an error of 1 % in a sphere; n of them leave an error in n^(-1/3). */
+static const double PHOTONS_AT_PERCENT = 4e6;
+
+static uint64_t count_photons(const AmbRenderParams *params) {
+    const uint64_t set = params->light_samples / SAMPLES_PER_PHOTON;
+    if (!(params->accuracy > 0.0f))
+        return set > 0 ? set : 1;
+    const double percent = 100.0 * (double)params->accuracy;
+    const double wanted = PHOTONS_AT_PERCENT / (percent * percent * percent);
+    const double most = 16.0 * (double)set, least = 16384.0;
+    return (uint64_t)(wanted < least ? least : wanted > most ? most : wanted);
+}
+
+void plan_scatter(const AmbScene *scene, const AmbRenderParams *params, Plan *plan) {
+    (void)scene;
+    plan->scatter_estimator = params->scatter_estimator;
+    plan->scatter_estimator_reason = "asked for";
+    if (!has_later_orders(plan)) {
+        plan->scatter_estimator = AMB_SCATTER_WALK;
+        plan->scatter_estimator_reason = "nothing scatters more than once";
+    } else if (params->scatter_estimator == AMB_SCATTER_AUTO) {
+        plan->scatter_estimator = AMB_SCATTER_WALK;
+        plan->scatter_estimator_reason = "media are thin";
+    }
+    plan->scatter = (ScatterParams){.photon_count = count_photons(params),
+                                    .light_bounces = plan->light.bounces,
+                                    .order_max = params->scatter_order_max,
+                                    .follows_through = plan->light.follows_through,
+                                    .adjoint_normals = params->adjoint_normals != 0,
+                                    .has_world = plan->effects[PLAN_WORLD_LIGHT].is_simulated,
+                                    .memory_max = params->memory_limit,
+                                    .seed = params->seed};
+}

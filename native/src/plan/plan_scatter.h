@@ -1,0 +1,11 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Who simulates light of later orders: walks from the camera or photons from the lamps. */
+#ifndef AMB_PLAN_PLAN_SCATTER_H
+#define AMB_PLAN_PLAN_SCATTER_H
+
+#include "plan/plan.h"
+
+/* Resolves AUTO and sets what photons need; the effects and the light pass are planned. */
+void plan_scatter(const AmbScene *scene, const AmbRenderParams *params, Plan *plan);
+
+#endif
