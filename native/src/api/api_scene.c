@@ -349,7 +349,7 @@ AmbStatus amb_scene_set_world(AmbScene *scene, const float radiance[3]) {
     AMB_TRY(check_open(scene));
     AMB_TRY(check_pointer(radiance, "radiance"));
     AMB_TRY(check_range(radiance, 3, 0.0f, FLT_MAX, "radiance", "world"));
-    scene->world = rgb_from(radiance);
+    scene->world.constant = rgb_from(radiance);
     return AMB_OK;
 }
 

@@ -58,36 +58,31 @@ static void follow_next(Walker *walker, const Branch *from, const SurfacePoint *
                             .depth = from->depth + 1});
 }
 
-static void follow_boundary(Walker *walker, const Branch *branch, const SurfacePoint *surface) {
-    const BoundaryCrossing crossing =
-        boundary_cross(walker->scene, &branch->stack, surface, branch->d);
-    if (crossing.is_ignored) {
-        follow_next(walker, branch, surface, branch->d, &branch->stack, branch->throughput,
-                    branch->bounces);
-        return;
-    }
+static void follow_boundary(Walker *walker, const Branch *branch,
+                            const BoundaryCrossing *crossing) {
     const bool is_outside = branch->stack.count == 0;
-    const bool leaves = crossing.beyond.count == 0;
+    const bool leaves = crossing->beyond.count == 0;
+    const SurfacePoint *surface = &crossing->surface;
     const SceneMaterial *material = surface->material;
     const uint32_t effects = walker->params->effects;
-    const float reflectance = crossing.split.reflectance;
+    const float reflectance = crossing->split.reflectance;
 
     const bool wants_refraction = !leaves || (effects & AMB_EFFECT_BACKGROUND) != 0;
-    if (crossing.can_refract && wants_refraction) {
+    if (crossing->can_refract && wants_refraction) {
         /* Radiance grows by n^2 on entering a denser medium; looking backwards, the branch's
          * throughput takes (n here / n beyond)^2 ([Veach97] 5.2). */
-        const float weight = (1.0f - reflectance) * crossing.eta * crossing.eta;
+        const float weight = (1.0f - reflectance) * crossing->eta * crossing->eta;
         const Rgb throughput =
             rgb_mul(rgb_scale(branch->throughput, weight), material->transmit_color);
-        follow_next(walker, branch, surface, crossing.split.refracted, &crossing.beyond, throughput,
-                    branch->bounces);
+        follow_next(walker, branch, surface, crossing->split.refracted, &crossing->beyond,
+                    throughput, branch->bounces);
     }
     const bool wants_reflection = is_outside ? (effects & AMB_EFFECT_SURFACE_REFLECTION) != 0
                                              : branch->bounces < walker->params->bounces;
-    if (crossing.can_reflect && wants_reflection) {
+    if (crossing->can_reflect && wants_reflection) {
         const Rgb throughput =
             rgb_mul(rgb_scale(branch->throughput, reflectance), material->reflect_color);
-        follow_next(walker, branch, surface, crossing.split.reflected, &branch->stack, throughput,
+        follow_next(walker, branch, surface, crossing->split.reflected, &branch->stack, throughput,
                     branch->bounces + (is_outside ? 0u : 1u));
     }
 }
@@ -95,11 +90,12 @@ static void follow_boundary(Walker *walker, const Branch *branch, const SurfaceP
 static void follow(Walker *walker, Branch branch) {
     const AmbScene *scene = walker->scene;
     const bool is_inside = branch.stack.count > 0;
-    Hit hit;
-    const bool is_hit = scene_intersect(scene, branch.o, branch.d, branch.t_max, &hit);
+    BoundaryArrival arrival;
+    const bool is_hit =
+        boundary_find(scene, &branch.stack, branch.o, branch.d, branch.t_max, &arrival);
     if (is_inside) {
         const float length =
-            is_hit ? hit.t : fminf(branch.t_max, walker_end_of_scene(scene, branch.o));
+            is_hit ? arrival.t : fminf(branch.t_max, walker_end_of_scene(scene, branch.o));
         if (!is_hit && !isfinite(branch.t_max))
             ++walker->out->leak_count;
         pass_medium(walker, &branch, length);
@@ -111,19 +107,19 @@ static void follow(Walker *walker, Branch branch) {
             out->alpha = 0.0f;
             return;
         }
-        out->surface = rgb_madd(out->surface, branch.throughput, scene->world);
+        out->surface =
+            rgb_madd(out->surface, branch.throughput, world_radiance(&scene->world, branch.d));
         return;
     }
     if (branch.depth == 0)
-        out->depth = hit.t;
-    const SurfacePoint surface = scene_surface(scene, &hit);
-    if (surface.material->surface == AMB_SURFACE_DIELECTRIC) {
+        out->depth = arrival.t;
+    if (!arrival.is_opaque) {
         out->is_object = out->is_object || branch.depth == 0;
-        follow_boundary(walker, &branch, &surface);
+        follow_boundary(walker, &branch, &arrival.crossing);
         return;
     }
-    const Rgb radiance =
-        shade_diffuse(walker, &surface, branch.d, &branch.stack, branch.throughput);
+    const Rgb radiance = shade_diffuse(walker, &arrival.crossing.surface, branch.d, &branch.stack,
+                                       branch.throughput);
     out->surface = rgb_madd(out->surface, branch.throughput, radiance);
 }
 

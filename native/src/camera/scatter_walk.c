@@ -28,7 +28,9 @@ typedef struct Walk {
 typedef struct Target {
     float length;
     bool is_hit;
-    bool is_boundary; /* dielectric, with a crossing */
+    bool is_boundary;  /* dielectric, with a crossing */
+    bool has_passed;   /* boundaries that change no medium */
+    MediumStack stack; /* there, with what was passed */
     SurfacePoint surface;
     BoundaryCrossing crossing;
 } Target;
@@ -71,18 +73,19 @@ static bool wants_surroundings(const Walk *walk) {
 
 static Target find_target(const Walk *walk) {
     const AmbScene *scene = walk->walker->scene;
-    Target target = {.is_hit = false};
-    Hit hit;
-    if (!scene_intersect(scene, walk->o, walk->d, INFINITY, &hit)) {
+    Target target = {.is_hit = false, .stack = walk->stack};
+    BoundaryArrival arrival;
+    const bool is_hit = boundary_find(scene, &target.stack, walk->o, walk->d, INFINITY, &arrival);
+    target.has_passed = arrival.passed_count > 0;
+    if (!is_hit) {
         target.length = walker_end_of_scene(scene, walk->o);
         return target;
     }
     target.is_hit = true;
-    target.length = hit.t;
-    target.surface = scene_surface(scene, &hit);
-    target.is_boundary = target.surface.material->surface == AMB_SURFACE_DIELECTRIC;
-    if (target.is_boundary)
-        target.crossing = boundary_cross(scene, &walk->stack, &target.surface, walk->d);
+    target.length = arrival.t;
+    target.surface = arrival.crossing.surface;
+    target.is_boundary = !arrival.is_opaque;
+    target.crossing = arrival.crossing;
     return target;
 }
 
@@ -101,10 +104,6 @@ static Choice weigh_boundary(const Walk *walk, const Target *target, Rgb transmi
         return choice;
     const BoundaryCrossing *crossing = &target->crossing;
     const SceneMaterial *material = target->surface.material;
-    if (crossing->is_ignored) {
-        choice.pass = weigh(walk->throughput, transmittance);
-        return choice;
-    }
     const float reflectance = crossing->split.reflectance;
     if (crossing->can_reflect)
         choice.reflect =
@@ -114,7 +113,7 @@ static Choice weigh_boundary(const Walk *walk, const Target *target, Rgb transmi
                       weigh(walk->throughput, rgb_mul(transmittance, material->transmit_color));
         const AmbScene *scene = walk->walker->scene;
         const bool is_dark = crossing->beyond.count == 0 && scene->object_count == 1 &&
-                             !(rgb_max(scene->world) > 0.0f && wants_surroundings(walk));
+                             (scene->world.is_black || !wants_surroundings(walk));
         if (is_dark)
             choice.pass *= DARK_OUTSIDE;
     }
@@ -136,7 +135,7 @@ static float collision_share(float throughput, float sigma_s, float sigma_t, flo
 /* Distance to a collision inside the segment: a mixture over the channels of what each would take
  * (one-sample multiple importance sampling with the balance heuristic, [Wilkie14]). The throughput
  * becomes that just before the scattering, per unit of sigma_s. */
-static void collide(Walk *walk, const Medium *medium, float length) {
+static void collide(Walk *walk, const Medium *medium, float length, bool has_passed) {
     const Rgb sigma_s = medium_sigma_s(medium);
     const float s[3] = {sigma_s.r, sigma_s.g, sigma_s.b};
     const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
@@ -162,6 +161,11 @@ static void collide(Walk *walk, const Medium *medium, float length) {
         if (share[c] > 0.0f)
             pdf +=
                 share[c] / sum * sigma_t[c] * expf(-sigma_t[c] * t) / -expm1f(-sigma_t[c] * length);
+    /* Of the boundaries that the segment passes only those before the place count. */
+    if (has_passed) {
+        BoundaryArrival arrival;
+        boundary_find(walk->walker->scene, &walk->stack, walk->o, walk->d, t, &arrival);
+    }
     walk->o = vec3_madd(walk->o, t, walk->d);
     walk->throughput =
         rgb_scale(rgb_mul(walk->throughput, medium_transmittance(medium, t)), 1.0f / pdf);
@@ -198,23 +202,20 @@ static void reflect(Walk *walk, const Target *target, float probability) {
     walk->throughput =
         rgb_scale(rgb_mul(walk->throughput, target->surface.material->reflect_color), weight);
     walk->d = target->crossing.split.reflected;
+    walk->stack = target->stack;
     walk->o = scene_leave(&target->surface, walk->d);
     walk->is_its_own = true;
 }
 
 static void pass(Walk *walk, const Target *target, float probability) {
     const BoundaryCrossing *crossing = &target->crossing;
-    if (crossing->is_ignored) {
-        walk->throughput = rgb_scale(walk->throughput, 1.0f / probability);
-    } else {
-        /* Radiance grows by n^2 on entering a denser medium; see follow_boundary. */
-        const float weight =
-            (1.0f - crossing->split.reflectance) * crossing->eta * crossing->eta / probability;
-        walk->throughput =
-            rgb_scale(rgb_mul(walk->throughput, target->surface.material->transmit_color), weight);
-        walk->d = crossing->split.refracted;
-        walk->stack = crossing->beyond;
-    }
+    /* Radiance grows by n^2 on entering a denser medium; see follow_boundary. */
+    const float weight =
+        (1.0f - crossing->split.reflectance) * crossing->eta * crossing->eta / probability;
+    walk->throughput =
+        rgb_scale(rgb_mul(walk->throughput, target->surface.material->transmit_color), weight);
+    walk->d = crossing->split.refracted;
+    walk->stack = crossing->beyond;
     walk->o = scene_leave(&target->surface, walk->d);
 }
 
@@ -278,7 +279,7 @@ static bool step(Walk *walk) {
     /* Certain where it ends: no need to choose it by chance. */
     if (wants_surroundings(walk)) {
         if (!target.is_hit && material == NULL)
-            add(walk, walk->order, walker->scene->world);
+            add(walk, walk->order, world_radiance_but_lamps(&walker->scene->world, walk->d));
         if (target.is_hit && !target.is_boundary) {
             const Rgb seen =
                 shade_diffuse(walk->walker, &target.surface, walk->d, &walk->stack, rgb(0, 0, 0));
@@ -290,7 +291,7 @@ static bool step(Walk *walk) {
         return false;
     const float u = walker_random(walk->walker) * sum;
     if (u < choice.scatter) {
-        collide(walk, &material->medium, length);
+        collide(walk, &material->medium, length, target.has_passed);
         walk->throughput = rgb_scale(walk->throughput, sum / choice.scatter);
         scatter(walk, &material->medium);
         return true;

@@ -69,29 +69,24 @@ static void pass_medium(Walker *walker, LightPath *path, float length, Rgb glow)
 }
 
 /* One of the two branches by chance, and all reflections. False: neither goes on. */
-static bool pass_boundary(Walker *walker, LightPath *path, const SurfacePoint *surface) {
-    const BoundaryCrossing crossing = boundary_cross(walker->scene, &path->stack, surface, path->d);
-    if (crossing.is_ignored) {
-        path->o = scene_leave(surface, path->d);
-        return true;
-    }
-    const SceneMaterial *material = surface->material;
-    if (walker_random(walker) < crossing.split.reflectance) {
-        if (!crossing.can_reflect)
+static bool pass_boundary(Walker *walker, LightPath *path, const BoundaryCrossing *crossing) {
+    const SceneMaterial *material = crossing->surface.material;
+    if (walker_random(walker) < crossing->split.reflectance) {
+        if (!crossing->can_reflect)
             return false;
         path->weight = rgb_mul(path->weight, material->reflect_color);
-        path->d = crossing.split.reflected;
+        path->d = crossing->split.reflected;
         path->bounces += path->stack.count > 0 ? 1 : 0;
     } else {
-        if (!crossing.can_refract)
+        if (!crossing->can_refract)
             return false;
         /* See follow_boundary in camera_path.c. */
-        path->weight =
-            rgb_mul(rgb_scale(path->weight, crossing.eta * crossing.eta), material->transmit_color);
-        path->d = crossing.split.refracted;
-        path->stack = crossing.beyond;
+        path->weight = rgb_mul(rgb_scale(path->weight, crossing->eta * crossing->eta),
+                               material->transmit_color);
+        path->d = crossing->split.refracted;
+        path->stack = crossing->beyond;
     }
-    path->o = scene_leave(surface, path->d);
+    path->o = scene_leave(&crossing->surface, path->d);
     return true;
 }
 
@@ -111,40 +106,54 @@ static bool survives(Walker *walker, LightPath *path) {
 static Rgb follow_light(Walker *walker, LightPath path, Rgb glow) {
     const AmbScene *scene = walker->scene;
     for (int depth = 0; depth < DEPTH_MAX; ++depth) {
-        Hit hit;
-        const bool is_hit = scene_intersect(scene, path.o, path.d, INFINITY, &hit);
+        BoundaryArrival arrival;
+        const bool is_hit = boundary_find(scene, &path.stack, path.o, path.d, INFINITY, &arrival);
         if (path.stack.count > 0) {
             if (!is_hit)
                 ++walker->out->leak_count;
-            pass_medium(walker, &path, is_hit ? hit.t : walker_end_of_scene(scene, path.o), glow);
+            pass_medium(walker, &path, is_hit ? arrival.t : walker_end_of_scene(scene, path.o),
+                        glow);
         }
         if (!is_hit)
-            return rgb_mul(path.weight, scene->world);
-        const SurfacePoint surface = scene_surface(scene, &hit);
-        if (surface.material->surface != AMB_SURFACE_DIELECTRIC ||
-            !pass_boundary(walker, &path, &surface) || !survives(walker, &path))
+            return rgb_mul(path.weight, world_radiance_but_lamps(&scene->world, path.d));
+        if (arrival.is_opaque || !pass_boundary(walker, &path, &arrival.crossing) ||
+            !survives(walker, &path))
             break;
     }
     return rgb(0, 0, 0);
 }
 
-/* Radiance from a direction of the cosine distribution. */
-static Rgb world_radiance(Walker *walker, const SurfacePoint *surface, const MediumStack *stack,
+/* Mean radiance of the surroundings, weighted by the cosine: one direction in proportion to the
+ * cosine and, where the world is an image, one to that, each by its share of both densities (the
+ * balance heuristic, [Veach97] 9.2). */
+static Rgb light_of_world(Walker *walker, const SurfacePoint *surface, const MediumStack *stack,
                           Vec3 ng, Vec3 ns, Rgb glow) {
     const AmbScene *scene = walker->scene;
+    const World *world = &scene->world;
     const bool shines_through = walker->params->shines_through;
-    if (!(rgb_max(scene->world) > 0.0f) &&
-        !(shines_through && walker->field != NULL && rgb_max(glow) > 0.0f))
-        return rgb(0, 0, 0);
+    Rgb sum = rgb(0, 0, 0);
+    if (world->is_black && !(shines_through && walker->field != NULL && rgb_max(glow) > 0.0f))
+        return sum;
     Vec3 x, y;
     vec3_frame(ns, &x, &y);
-    const Vec3 d = frame_to_world(x, y, ns, sample_cosine_hemisphere(walker_random2(walker)));
-    if (!(vec3_dot(d, ng) > 0.0f))
-        return rgb(0, 0, 0);
     const Vec3 p = scene_leave(surface, ng);
-    if (shines_through)
-        return follow_light(walker, (LightPath){p, d, *stack, rgb(1, 1, 1), 0}, glow);
-    return scene_is_occluded(scene, p, d, INFINITY) ? rgb(0, 0, 0) : scene->world;
+    const bool has_image = world->image.width > 0 && !world->is_black;
+    for (int i = 0; i < (has_image ? 2 : 1); ++i) {
+        const Sample2 u = walker_random2(walker);
+        const Vec3 d =
+            i == 0 ? frame_to_world(x, y, ns, sample_cosine_hemisphere(u)) : world_sample(world, u);
+        const float by_cosine = vec3_dot(d, ns) / AMB_PI;
+        if (!(by_cosine > 0.0f) || !(vec3_dot(d, ng) > 0.0f))
+            continue;
+        const float share = by_cosine / (by_cosine + (has_image ? world_pdf(world, d) : 0.0f));
+        if (shines_through) {
+            const LightPath path = {p, d, *stack, rgb(share, share, share), 0};
+            sum = rgb_add(sum, follow_light(walker, path, glow));
+        } else if (!scene_is_occluded(scene, p, d, INFINITY)) {
+            sum = rgb_add(sum, rgb_scale(world_radiance_but_lamps(world, d), share));
+        }
+    }
+    return sum;
 }
 
 Rgb shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d, const MediumStack *stack,
@@ -154,6 +163,6 @@ Rgb shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d, const Med
     const Vec3 ns = vec3_scale(surface->ns, side);
     const Rgb albedo = surface->material->albedo;
     const Rgb lamps = rgb_scale(lamp_irradiance(walker, surface, stack, ng, ns), 1.0f / AMB_PI);
-    const Rgb world = world_radiance(walker, surface, stack, ng, ns, rgb_mul(glow, albedo));
+    const Rgb world = light_of_world(walker, surface, stack, ng, ns, rgb_mul(glow, albedo));
     return rgb_madd(surface->material->emission, albedo, rgb_add(lamps, world));
 }

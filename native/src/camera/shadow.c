@@ -10,9 +10,9 @@ Rgb shadow_transmittance(const AmbScene *scene, const MediumStack *stack, Vec3 p
     MediumStack media = *stack;
     Rgb left = rgb(1, 1, 1);
     for (int i = 0; i < BOUNDARY_MAX; ++i) {
-        Hit hit;
-        const bool is_hit = scene_intersect(scene, p, d, distance, &hit);
-        const float length = is_hit ? hit.t : distance;
+        BoundaryArrival arrival;
+        const bool is_hit = boundary_find(scene, &media, p, d, distance, &arrival);
+        const float length = is_hit ? arrival.t : distance;
         const SceneMaterial *material = medium_stack_material(scene, &media);
         if (material != NULL) {
             if (!isfinite(length))
@@ -21,18 +21,13 @@ Rgb shadow_transmittance(const AmbScene *scene, const MediumStack *stack, Vec3 p
         }
         if (!is_hit)
             return left;
-        const SurfacePoint surface = scene_surface(scene, &hit);
-        if (surface.material->surface != AMB_SURFACE_DIELECTRIC)
+        const BoundaryCrossing *crossing = &arrival.crossing;
+        if (arrival.is_opaque || crossing->eta != 1.0f)
             return black;
-        const BoundaryCrossing crossing = boundary_cross(scene, &media, &surface, d);
-        if (!crossing.is_ignored) {
-            if (crossing.eta != 1.0f)
-                return black;
-            left = rgb_mul(left, surface.material->transmit_color);
-            media = crossing.beyond;
-        }
-        p = scene_leave(&surface, d);
-        distance -= hit.t;
+        left = rgb_mul(left, crossing->surface.material->transmit_color);
+        media = crossing->beyond;
+        p = scene_leave(&crossing->surface, d);
+        distance -= arrival.t;
     }
     return black;
 }

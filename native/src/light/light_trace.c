@@ -39,7 +39,7 @@ typedef struct Chunk {
     uint64_t count, room;
     LightLanding *landings;
     uint64_t landing_count, landing_room;
-    uint64_t leak_count, irregular_count;
+    uint64_t leak_count, irregular_count, nested_count;
     LightTally tally;
 } Chunk;
 
@@ -159,18 +159,17 @@ static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, 
 /* A branch arrives at a boundary. */
 typedef struct Arrival {
     const Branch *branch; /* pairs and flux as they are there */
-    const Hit *hit;
-    const SurfacePoint *surface;
     const BoundaryCrossing *crossing;
 } Arrival;
 
 static Branch branch_on(const AmbScene *scene, const Arrival *arrival, bool is_refracted) {
     const DielectricSplit *split = &arrival->crossing->split;
+    const SurfacePoint *surface = &arrival->crossing->surface;
     const Vec3 n = arrival->crossing->n;
     Branch next = *arrival->branch;
     for (int k = 0; k < TANGENT_COUNT; ++k) {
         const TangentPair pair = next.pairs[k];
-        Vec3 dn = scene_normal_derivative(scene, arrival->hit, pair.dp);
+        Vec3 dn = scene_normal_derivative(scene, &surface->hit, pair.dp);
         if (!arrival->crossing->is_entering)
             dn = vec3_negate(dn);
         next.pairs[k] = is_refracted ? tangent_refract(pair, next.d, n, dn, arrival->crossing->eta,
@@ -178,8 +177,8 @@ static Branch branch_on(const AmbScene *scene, const Arrival *arrival, bool is_r
                                      : tangent_reflect(pair, next.d, n, dn, split->cos_i);
     }
     next.d = is_refracted ? split->refracted : split->reflected;
-    next.o = scene_leave(arrival->surface, next.d);
-    next.start_slope = slope(vec3_dot(next.d, arrival->surface->ng));
+    next.o = scene_leave(surface, next.d);
+    next.start_slope = slope(vec3_dot(next.d, surface->ng));
     next.is_direct = false;
     next.is_bent = next.is_bent || !is_refracted || arrival->crossing->eta != 1.0f;
     return next;
@@ -197,7 +196,7 @@ static Branch refract_branch(const Tracer *tracer, const Arrival *arrival) {
     float weight = 1.0f - crossing->split.reflectance;
     if (tracer->params->adjoint_normals)
         weight *= crossing->adjoint_refract;
-    next.flux = rgb_mul(rgb_scale(next.flux, weight), arrival->surface->material->transmit_color);
+    next.flux = rgb_mul(rgb_scale(next.flux, weight), crossing->surface.material->transmit_color);
     next.stack = crossing->beyond;
     if (arrival->branch->stack.count == 0) {
         const TangentSpread spread = tangent_spread(next.pairs, next.d);
@@ -213,7 +212,7 @@ static Branch reflect_branch(const Tracer *tracer, const Arrival *arrival) {
     float weight = crossing->split.reflectance;
     if (tracer->params->adjoint_normals)
         weight *= crossing->adjoint_reflect;
-    next.flux = rgb_mul(rgb_scale(next.flux, weight), arrival->surface->material->reflect_color);
+    next.flux = rgb_mul(rgb_scale(next.flux, weight), crossing->surface.material->reflect_color);
     ++next.bounces;
     return next;
 }
@@ -260,45 +259,42 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
     for (int event = 0; waiting_count > 0 && event < EVENT_MAX; ++event) {
         Branch branch = waiting[--waiting_count];
         const bool is_outside = branch.stack.count == 0;
-        Hit hit;
-        if (!scene_intersect(scene, branch.o, branch.d, INFINITY, &hit)) {
+        BoundaryArrival next_surface;
+        const bool is_hit =
+            boundary_find(scene, &branch.stack, branch.o, branch.d, INFINITY, &next_surface);
+        /* Each object that a light reaches first has rays of its own. */
+        const BoundaryCrossing *crossing = &next_surface.crossing;
+        if (is_hit && is_outside && branch.is_direct && crossing->surface.object != batch->target)
+            continue;
+        chunk->irregular_count += next_surface.irregular_count;
+        chunk->nested_count += next_surface.nested_count;
+        if (!is_hit) {
             if (!is_outside)
                 ++chunk->leak_count;
             continue;
         }
-        const SurfacePoint surface = scene_surface(scene, &hit);
-        /* Each object that a light reaches first has rays of its own. */
-        if (is_outside && branch.is_direct && surface.object != batch->target)
-            continue;
+        const float length = next_surface.t;
+        const Vec3 ng = crossing->surface.ng;
         if (branch.is_direct && is_outside)
-            branch.flux = rgb_scale(branch.flux, disc_falloff(batch->emission.light, hit.t));
-        const float cos_face = vec3_dot(branch.d, surface.ng);
+            branch.flux = rgb_scale(branch.flux, disc_falloff(batch->emission.light, length));
+        const float cos_face = vec3_dot(branch.d, ng);
         if (!is_outside)
-            AMB_TRY(emit_beam(chunk, scene, &branch, hit.t, slope(cos_face), !params->lands));
+            AMB_TRY(emit_beam(chunk, scene, &branch, length, slope(cos_face), !params->lands));
         for (int k = 0; k < TANGENT_COUNT; ++k)
-            branch.pairs[k] =
-                tangent_travel_to_surface(branch.pairs[k], hit.t, branch.d, surface.ng);
-        if (surface.material->surface != AMB_SURFACE_DIELECTRIC) {
+            branch.pairs[k] = tangent_travel_to_surface(branch.pairs[k], length, branch.d, ng);
+        if (next_surface.is_opaque) {
             if (params->lands && branch.is_bent)
-                AMB_TRY(land(chunk, &branch, &surface));
-            continue;
-        }
-        const BoundaryCrossing crossing = boundary_cross(scene, &branch.stack, &surface, branch.d);
-        if (crossing.is_ignored || (crossing.is_entering && !is_outside))
-            ++chunk->irregular_count;
-        if (crossing.is_ignored) {
-            branch.o = scene_leave(&surface, branch.d);
-            waiting[waiting_count++] = branch;
+                AMB_TRY(land(chunk, &branch, &crossing->surface));
             continue;
         }
         if (is_outside && branch.is_direct)
             tally_add(chunk->tally.incident, branch.flux);
-        if (fabsf(cos_face) < GRAZING_COS || crossing.split.cos_i < GRAZING_COS)
+        if (fabsf(cos_face) < GRAZING_COS || crossing->split.cos_i < GRAZING_COS)
             continue;
 
-        const Arrival arrival = {&branch, &hit, &surface, &crossing};
-        const bool goes_on = crossing.beyond.count > 0 || params->follows_through;
-        if (crossing.can_refract && goes_on && waiting_count < ORDER_MAX) {
+        const Arrival arrival = {&branch, crossing};
+        const bool goes_on = crossing->beyond.count > 0 || params->follows_through;
+        if (crossing->can_refract && goes_on && waiting_count < ORDER_MAX) {
             const Branch next = refract_branch(tracer, &arrival);
             if (is_outside && branch.is_direct)
                 tally_add(chunk->tally.entered, next.flux);
@@ -306,7 +302,7 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
                 waiting[waiting_count++] = next;
         }
         const bool reflects = is_outside ? params->lands : branch.bounces < params->bounces;
-        if (crossing.can_reflect && reflects && waiting_count < ORDER_MAX) {
+        if (crossing->can_reflect && reflects && waiting_count < ORDER_MAX) {
             Branch next = reflect_branch(tracer, &arrival);
             if (is_outside)
                 next.bounces = branch.bounces;
@@ -432,6 +428,7 @@ static AmbStatus gather_chunks(const Tracer *tracer, uint64_t chunk_count, Light
         }
         field->leak_count += chunk->leak_count;
         field->irregular_count += chunk->irregular_count;
+        field->nested_count += chunk->nested_count;
         for (int k = 0; k < 3; ++k) {
             field->tally.incident[k] += chunk->tally.incident[k];
             field->tally.entered[k] += chunk->tally.entered[k];

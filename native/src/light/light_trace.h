@@ -52,9 +52,11 @@ typedef struct LightField {
     uint32_t object_count;
     uint64_t ray_count;       /* rays emitted */
     uint64_t leak_count;      /* rays that left an object through a hole of its mesh */
-    uint64_t irregular_count; /* faces met from outside by rays already inside of something, or
-                               * from inside by rays that never came in: meshes that are nested,
-                               * cross themselves or are open */
+    uint64_t irregular_count; /* faces met from outside by rays already inside of their object, or
+                               * from inside by rays that never came in: meshes that cross
+                               * themselves or are open */
+    uint64_t nested_count;    /* faces that rays met inside of another object: objects that overlap,
+                               * lie in one another or touch */
     LightTally tally;
 } LightField;
 

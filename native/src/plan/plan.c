@@ -150,6 +150,7 @@ typedef struct LightProbe {
     double flux; /* W, all channels, that media absorb or scatter of light that enters directly */
     double flux_through; /* the same with light through other objects */
     bool is_irregular;   /* one ray in a thousand or more found a mesh open or crossing itself */
+    bool is_nested;      /* as many found an object inside of another, or touching it */
 } LightProbe;
 
 enum { PROBE_RAYS = 8192, PROBE_IRREGULAR_MAX = PROBE_RAYS / 1000 };
@@ -167,6 +168,7 @@ static AmbStatus probe_light(const AmbScene *scene, const AmbRenderParams *param
         *(follows_through ? &out_probe->flux_through : &out_probe->flux) =
             flux[0] + flux[1] + flux[2];
         out_probe->is_irregular = field.leak_count + field.irregular_count > PROBE_IRREGULAR_MAX;
+        out_probe->is_nested = field.nested_count > PROBE_IRREGULAR_MAX;
         light_field_clear(&field);
     }
     return AMB_OK;
@@ -210,7 +212,7 @@ static PlanEffect plan_light_on_surfaces(const AmbScene *scene, const AmbRenderP
         return skipped(name, "no translucent object");
     if (!has_opaque_surface(scene))
         return skipped(name, "no opaque surface");
-    if (!has_light(scene) && !(rgb_max(scene->world) > 0.0f))
+    if (!has_light(scene) && scene->world.is_black)
         return skipped(name, "no lamp, and the world is black");
     return simulated(name, "a translucent object is there and an opaque surface");
 }
@@ -252,7 +254,7 @@ static PlanEffect plan_world(const AmbScene *scene, const AmbRenderParams *param
     const char *name = "light of the surroundings in media";
     if ((params->effects & AMB_EFFECT_WORLD_LIGHT) == 0)
         return skipped(name, "switched off");
-    if (!(rgb_max(scene->world) > 0.0f) && !has_opaque_surface(scene))
+    if (scene->world.is_black && !has_opaque_surface(scene))
         return skipped(name, "the world is black and no surface is opaque");
     if (!has_scattering(scene))
         return skipped(name, "no medium scatters");
@@ -380,6 +382,9 @@ static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *pa
         /* Tubes end at the first face that they meet; points know what they are inside of. */
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = "a mesh is open or crosses itself";
+    } else if (probe->is_nested) {
+        plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
+        plan->estimator_reason = "translucent objects overlap or touch, by probe rays";
     } else if (bounces > TUBE_BOUNCES_AUTO) {
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = "light_bounces is more than 2: tubes would spread over everything";

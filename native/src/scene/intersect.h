@@ -23,6 +23,9 @@ void intersector_destroy(Intersector *intersector);
 AmbStatus intersector_add(Intersector *intersector, const Vec3 *positions, uint64_t vertex_count,
                           const uint32_t *triangles, uint64_t triangle_count);
 
+/* Before the commit: intersector_all will be asked. Other queries may become a little slower. */
+void intersector_enable_all(Intersector *intersector);
+
 /* Builds the tree; AMB_CANCELLED when the job is cancelled meanwhile. */
 AmbStatus intersector_commit(Intersector *intersector, Job *job);
 
@@ -32,6 +35,11 @@ bool intersector_any(const Intersector *intersector, Vec3 o, Vec3 d, float t_max
 
 /* The point of the surfaces that is nearest to p; false: none is nearer than reach. */
 bool intersector_closest(const Intersector *intersector, Vec3 p, float reach, Vec3 *out_point);
+
+/* Every triangle along the way, in the order of geometry and triangle; returns their number, `room`
+ * at most. */
+uint32_t intersector_all(const Intersector *intersector, Vec3 o, Vec3 d, float t_max, Hit *out_hits,
+                         uint32_t room);
 
 uint64_t intersector_bytes(const Intersector *intersector);
 

@@ -10,6 +10,7 @@
 
 #include <stdatomic.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/memory.h"
@@ -104,6 +105,15 @@ AmbStatus intersector_add(Intersector *self, const Vec3 *positions, uint64_t ver
     rtcAttachGeometry(self->scene, geometry);
     rtcReleaseGeometry(geometry);
     return check(self->device, "adding a mesh");
+}
+
+void intersector_enable_all(Intersector *self) {
+#if RTC_VERSION_MAJOR >= 4
+    const enum RTCSceneFlags filter = RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS;
+#else
+    const enum RTCSceneFlags filter = RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION;
+#endif
+    rtcSetSceneFlags(self->scene, RTC_SCENE_FLAG_ROBUST | filter);
 }
 
 AmbStatus intersector_commit(Intersector *self, Job *job) {
@@ -225,6 +235,61 @@ bool intersector_closest(const Intersector *self, Vec3 p, float reach, Vec3 *out
     if (found.is_found)
         *out_point = found.point;
     return found.is_found;
+}
+
+/* The context of a query for all hits: Embree hands it to the filter. */
+typedef struct Collection {
+#if RTC_VERSION_MAJOR >= 4
+    struct RTCRayQueryContext context; /* first: the filter casts it back */
+#else
+    struct RTCIntersectContext context;
+#endif
+    Hit *hits;
+    uint32_t count, room;
+} Collection;
+
+/* Takes note of a hit and refuses it, so that Embree goes on. */
+static void collect(const struct RTCFilterFunctionNArguments *arguments) {
+    Collection *collection = (Collection *)(void *)arguments->context;
+    arguments->valid[0] = 0;
+    if (collection->count == collection->room)
+        return;
+    /* Packets of one have the layout of a single ray and hit. */
+    const struct RTCRay *ray = (const struct RTCRay *)(const void *)arguments->ray;
+    const struct RTCHit *hit = (const struct RTCHit *)(const void *)arguments->hit;
+    collection->hits[collection->count++] =
+        (Hit){ray->tfar, hit->u, hit->v, hit->geomID, hit->primID};
+}
+
+static int compare_hits(const void *left, const void *right) {
+    const Hit *a = left, *b = right;
+    if (a->geometry != b->geometry)
+        return a->geometry < b->geometry ? -1 : 1;
+    return (a->triangle > b->triangle) - (a->triangle < b->triangle);
+}
+
+uint32_t intersector_all(const Intersector *self, Vec3 o, Vec3 d, float t_max, Hit *out_hits,
+                         uint32_t room) {
+    Collection collection = {.hits = out_hits, .count = 0, .room = room};
+    struct RTCRayHit query;
+    memset(&query, 0, sizeof query);
+    query.ray = make_ray(o, d, t_max);
+    query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+#if RTC_VERSION_MAJOR >= 4
+    rtcInitRayQueryContext(&collection.context);
+    struct RTCIntersectArguments arguments;
+    rtcInitIntersectArguments(&arguments);
+    arguments.context = &collection.context;
+    arguments.filter = collect;
+    arguments.flags |= RTC_RAY_QUERY_FLAG_INVOKE_ARGUMENT_FILTER;
+    rtcIntersect1(self->scene, &query, &arguments);
+#else
+    rtcInitIntersectContext(&collection.context);
+    collection.context.filter = collect;
+    rtcIntersect1(self->scene, &collection.context, &query);
+#endif
+    qsort(out_hits, collection.count, sizeof *out_hits, compare_hits);
+    return collection.count;
 }
 
 uint64_t intersector_bytes(const Intersector *self) {

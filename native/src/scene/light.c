@@ -32,6 +32,10 @@ static Rgb sun_irradiance(const SceneLight *light) {
     return rgb_scale(light->color, 1.0f / (1.0f - 0.5f * sun_cap(light)));
 }
 
+void light_set_sun(SceneLight *light, Rgb irradiance) {
+    light->color = rgb_scale(irradiance, 1.0f - 0.5f * sun_cap(light));
+}
+
 static float area_measure(const SceneLight *light) {
     const float box = 4.0f * light->size[0] * light->size[1];
     return light->area_shape == AMB_AREA_ELLIPSE ? box * AMB_PI / 4.0f : box;

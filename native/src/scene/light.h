@@ -24,6 +24,10 @@ typedef struct SceneLight {
     uint32_t area_shape;
 } SceneLight;
 
+/* Sets the colour of a sun from what its directions give together, each on a plane of its own;
+ * angle must be set. */
+void light_set_sun(SceneLight *light, Rgb irradiance);
+
 typedef struct LightArrival {
     Vec3 wi;        /* unit, from the point to the light */
     float distance; /* m; infinite for a sun */

@@ -6,6 +6,7 @@
 
 #include "base/memory.h"
 #include "math/mat4.h"
+#include "scene/world_lamps.h"
 
 static const uint32_t *corner_indices(const SceneMesh *mesh, uint64_t triangle) {
     return mesh->triangles + 3 * triangle;
@@ -65,6 +66,8 @@ static void bound_object(const SceneMesh *mesh, SceneObject *object) {
         low = vec3_min(low, p);
         high = vec3_max(high, p);
     }
+    object->low = low;
+    object->high = high;
     object->center = vec3(0, 0, 0);
     object->radius = 0.0f;
     if (mesh->triangle_count == 0)
@@ -145,18 +148,76 @@ static void bound_scene(AmbScene *scene) {
     }
 }
 
+/* Boxes that meet, with room for what rounding moves and scene_leave skips. */
+static bool boxes_meet(const SceneObject *a, const SceneObject *b) {
+    const Vec3 far =
+        vec3_max(vec3_max(vec3_negate(a->low), a->high), vec3_max(vec3_negate(b->low), b->high));
+    const float room = 1e-5f * fmaxf(fmaxf(far.x, far.y), far.z);
+    return a->low.x <= b->high.x + room && b->low.x <= a->high.x + room &&
+           a->low.y <= b->high.y + room && b->low.y <= a->high.y + room &&
+           a->low.z <= b->high.z + room && b->low.z <= a->high.z + room;
+}
+
+/* Only boundaries ask what touches them. */
+static void find_neighbours(AmbScene *scene) {
+    for (uint32_t i = 0; i < scene->object_count; ++i)
+        for (uint32_t k = 0; k < scene->object_count && scene->objects[i].is_boundary; ++k)
+            if (k != i && boxes_meet(&scene->objects[i], &scene->objects[k])) {
+                scene->objects[i].may_touch = true;
+                break;
+            }
+}
+
+static AmbStatus add_world_lamp(AmbScene *scene, const WorldLamp *lamp) {
+    SceneLight light = {.name = memory_copy_text("sun of the world's image"),
+                        .kind = AMB_LIGHT_SUN,
+                        .direction = vec3_negate(lamp->direction),
+                        .angle = lamp->angle};
+    if (light.name == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for a light");
+    vec3_frame(light.direction, &light.x, &light.y);
+    light_set_sun(&light, lamp->irradiance);
+    scene->lights[scene->light_count++] = light;
+    ++scene->world_lamp_count;
+    return AMB_OK;
+}
+
+/* Suns in the world's image become lamps. */
+static AmbStatus light_from_world(AmbScene *scene) {
+    WorldLamp lamps[WORLD_LAMPS_MAX];
+    uint32_t count = 0;
+    AMB_TRY(world_take_lamps(&scene->world, lamps, &count));
+    AMB_TRY(world_prepare(&scene->world));
+    if (count == 0)
+        return AMB_OK;
+    SceneLight *lights = memory_alloc_array((uint64_t)scene->light_count + count, sizeof *lights);
+    if (lights == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for lights");
+    if (scene->light_count > 0)
+        memcpy(lights, scene->lights, scene->light_count * sizeof *lights);
+    memory_free(scene->lights);
+    scene->lights = lights;
+    scene->light_room = scene->light_count + count;
+    for (uint32_t i = 0; i < count; ++i)
+        AMB_TRY(add_world_lamp(scene, &lamps[i]));
+    return AMB_OK;
+}
+
 AmbStatus scene_commit(AmbScene *scene) {
     if (!scene->has_camera)
         return status_fail(AMB_INVALID_ARGUMENT, "the scene has no camera");
     AmbStatus status = AMB_OK;
     for (uint32_t i = 0; i < scene->object_count && status == AMB_OK; ++i)
         status = place_object(scene, &scene->objects[i]);
+    if (status == AMB_OK)
+        status = light_from_world(scene);
     if (status != AMB_OK) {
         for (uint32_t i = 0; i < scene->object_count; ++i)
             release_placement(&scene->objects[i]);
         return status;
     }
     bound_scene(scene);
+    find_neighbours(scene);
     scene->is_committed = true;
     return AMB_OK;
 }
@@ -165,11 +226,15 @@ static AmbStatus build_intersector(AmbScene *scene, Job *job) {
     Intersector *intersector = NULL;
     AMB_TRY(intersector_create(job->thread_count, &intersector));
     AmbStatus status = AMB_OK;
+    bool may_touch = false;
     for (uint32_t i = 0; i < scene->object_count && status == AMB_OK; ++i) {
         const SceneMesh *mesh = &scene->meshes[scene->objects[i].mesh];
+        may_touch = may_touch || scene->objects[i].may_touch;
         status = intersector_add(intersector, scene->objects[i].positions, mesh->vertex_count,
                                  mesh->triangles, mesh->triangle_count);
     }
+    if (may_touch)
+        intersector_enable_all(intersector);
     if (status == AMB_OK)
         status = intersector_commit(intersector, job);
     if (status != AMB_OK) {
@@ -219,6 +284,7 @@ void scene_clear(AmbScene *scene) {
     memory_free(scene->meshes);
     memory_free(scene->objects);
     memory_free(scene->lights);
+    world_clear(&scene->world);
     memset(scene, 0, sizeof *scene);
 }
 
@@ -233,11 +299,16 @@ uint64_t scene_bytes(const AmbScene *scene) {
         bytes += (1 + mesh->user_count) * (mesh->vertex_count + normals) * sizeof(Vec3);
         bytes += mesh->triangle_count * sizeof(uint32_t) * (mesh->slots != NULL ? 4 : 3);
     }
-    return bytes;
+    return bytes + world_bytes(&scene->world);
 }
 
 bool scene_intersect(const AmbScene *scene, Vec3 p, Vec3 d, float t_max, Hit *out_hit) {
     return intersector_nearest(scene->intersector, p, d, t_max, out_hit);
+}
+
+uint32_t scene_intersect_all(const AmbScene *scene, Vec3 p, Vec3 d, float t_max, Hit *out_hits,
+                             uint32_t room) {
+    return intersector_all(scene->intersector, p, d, t_max, out_hits, room);
 }
 
 bool scene_is_occluded(const AmbScene *scene, Vec3 p, Vec3 d, float t_max) {
@@ -314,6 +385,7 @@ SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit) {
     }
     surface.material = &scene->materials[triangle_material(mesh, object, hit->triangle)];
     surface.object = hit->geometry;
+    surface.hit = *hit;
     return surface;
 }
 

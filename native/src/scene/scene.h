@@ -12,6 +12,7 @@
 #include "scene/camera.h"
 #include "scene/intersect.h"
 #include "scene/light.h"
+#include "scene/world.h"
 
 typedef struct SceneMaterial {
     char *name;
@@ -19,6 +20,7 @@ typedef struct SceneMaterial {
     Rgb albedo, emission;
     Rgb transmit_color, reflect_color;
     float ior;
+    int32_t priority; /* where objects overlap the medium of the highest one holds */
     Medium medium;
 } SceneMaterial;
 
@@ -47,6 +49,8 @@ typedef struct SceneObject {
     bool is_boundary;   /* a triangle is dielectric */
     bool has_two_media; /* triangles of different dielectrics, of which one fills it */
     uint32_t inside;    /* material whose medium fills it: the dielectric of most triangles */
+    bool may_touch;     /* its box meets that of another object */
+    Vec3 low, high;     /* bounding box; low > high: no triangle */
     Vec3 center;        /* bounding sphere */
     float radius;
 } SceneObject;
@@ -58,7 +62,8 @@ struct AmbScene {
     SceneLight *lights;
     uint32_t material_count, mesh_count, object_count, light_count;
     uint32_t material_room, mesh_room, object_room, light_room;
-    Rgb world;
+    World world;
+    uint32_t world_lamp_count; /* of lights: the last ones, taken out of the world's image */
     SceneCamera camera;
     bool has_camera;
     bool is_committed;
@@ -77,6 +82,7 @@ typedef struct SurfacePoint {
     Vec3 ns; /* unit shading normal, same side as ng */
     const SceneMaterial *material;
     uint32_t object;
+    Hit hit; /* where it is on the mesh */
 } SurfacePoint;
 
 /* Transforms meshes to the world and freezes the scene. Errors name the object. */
@@ -92,6 +98,11 @@ uint64_t scene_bytes(const AmbScene *scene);
 
 /* The nearest surface along unit d from p in (0, t_max); false: none. */
 bool scene_intersect(const AmbScene *scene, Vec3 p, Vec3 d, float t_max, Hit *out_hit);
+
+/* Everything along unit d from p in (0, t_max), ordered by object and triangle, `room` hits at
+ * most; only for scenes in which an object may touch another. */
+uint32_t scene_intersect_all(const AmbScene *scene, Vec3 p, Vec3 d, float t_max, Hit *out_hits,
+                             uint32_t room);
 
 /* Whether anything lies between. */
 bool scene_is_occluded(const AmbScene *scene, Vec3 p, Vec3 d, float t_max);

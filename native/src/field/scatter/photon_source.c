@@ -23,7 +23,7 @@ static Rgb background(const AmbScene *scene, Vec3 p, Vec3 d, Rng rng) {
             return photon_surface_radiance(scene, &surface, d, rng, 0);
         p = scene_leave(&surface, back);
     }
-    return scene->world;
+    return world_radiance_but_lamps(&scene->world, back);
 }
 
 /* Flux from around an object towards it, W, about. */
@@ -172,13 +172,14 @@ Rgb photon_surface_radiance(const AmbScene *scene, const SurfacePoint *surface, 
             irradiance = rgb_add(irradiance, rgb_scale(light.irradiance, cosine));
     }
     Rgb radiance = rgb_scale(rgb_mul(surface->material->albedo, irradiance), 1.0f / AMB_PI);
-    if (rgb_max(scene->world) > 0.0f) {
+    if (!scene->world.is_black) {
         Vec3 x, y;
         vec3_frame(ns, &x, &y);
         const Sample2 u = {rng_float(rng, dimension), rng_float(rng, dimension + 1)};
         const Vec3 wi = frame_to_world(x, y, ns, sample_cosine_hemisphere(u));
         if (vec3_dot(wi, ng) > 0.0f && !scene_is_occluded(scene, p, wi, INFINITY))
-            radiance = rgb_add(radiance, rgb_mul(surface->material->albedo, scene->world));
+            radiance = rgb_add(radiance, rgb_mul(surface->material->albedo,
+                                                 world_radiance_but_lamps(&scene->world, wi)));
     }
     return rgb_add(radiance, surface->material->emission);
 }

@@ -205,13 +205,16 @@ static bool meet(Walker *walker, const Hit *hit) {
     const bool is_outside = walker->stack.count == 0;
     if (surface.material->surface != AMB_SURFACE_DIELECTRIC)
         return meet_opaque(walker, &surface);
-    walker->is_straight = false;
     const BoundaryCrossing crossing = boundary_cross(scene, &walker->stack, &surface, walker->d);
+    if (crossing.is_opaque)
+        return meet_opaque(walker, &crossing.surface);
     if (crossing.is_ignored) {
+        walker->stack = crossing.beyond;
         walker->o = scene_leave(&surface, walker->d);
         walker->depth = 0.0f;
         return true;
     }
+    walker->is_straight = false;
     const DielectricSplit *split = &crossing.split;
     const bool is_adjoint = params->adjoint_normals && walker->order == 0;
     /* Light from outside enters by its transmittance; inside one of both ways is drawn. Where
@@ -227,17 +230,17 @@ static bool meet(Walker *walker, const Hit *hit) {
     }
     if (is_refracted) {
         walker->d = split->refracted;
-        walker->flux = rgb_mul(walker->flux, surface.material->transmit_color);
+        walker->flux = rgb_mul(walker->flux, crossing.surface.material->transmit_color);
         if (is_adjoint)
             weight *= crossing.adjoint_refract;
     } else {
         const float side = crossing.is_entering ? 1.0f : -1.0f;
-        const Vec3 ng = vec3_scale(surface.ng, side);
+        const Vec3 ng = vec3_scale(crossing.surface.ng, side);
         if (crossing.can_reflect || vec3_dot(split->reflected, ng) > 0.0f)
             walker->d = split->reflected;
         else
             walker->d = vec3_madd(walker->d, -2.0f * vec3_dot(walker->d, ng), ng);
-        walker->flux = rgb_mul(walker->flux, surface.material->reflect_color);
+        walker->flux = rgb_mul(walker->flux, crossing.surface.material->reflect_color);
         if (is_adjoint)
             weight *= crossing.adjoint_reflect;
         if (walker->order == 0 && !walker->is_of_surroundings &&
@@ -245,7 +248,7 @@ static bool meet(Walker *walker, const Hit *hit) {
             return false;
     }
     walker->flux = rgb_scale(walker->flux, weight);
-    walker->o = scene_leave(&surface, walker->d);
+    walker->o = scene_leave(&crossing.surface, walker->d);
     walker->depth = 0.0f;
     if (is_refracted) {
         walker->stack = crossing.beyond;
@@ -298,7 +301,7 @@ static void follow(Walker *walker, const Hit *first) {
  * object comes through that one. */
 static void follow_line(Walker *walker, const Photon *line) {
     const AmbScene *scene = walker->walk->scene;
-    Rgb radiance = scene->world;
+    Rgb radiance = world_radiance_but_lamps(&scene->world, vec3_negate(line->d));
     MediumStack stack = {0};
     Vec3 o = line->o;
     for (uint32_t boundaries = 0; boundaries < BOUNDARY_MAX; ++boundaries) {
@@ -315,8 +318,10 @@ static void follow_line(Walker *walker, const Photon *line) {
             continue;
         }
         const BoundaryCrossing crossing = boundary_cross(scene, &stack, &surface, line->d);
-        if (crossing.is_ignored)
+        if (crossing.is_ignored) {
+            stack = crossing.beyond;
             continue;
+        }
         if (stack.count == 0 && surface.object == line->batch->target && rgb_max(radiance) > 0.0f) {
             walker->d = line->d;
             walker->stack = stack;

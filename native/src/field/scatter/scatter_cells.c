@@ -154,12 +154,16 @@ static void measure_line(const Measure *measure, float *volumes, Vec3 o, Vec3 d,
         if (opaque == 0 && stack.count > 0 && medium_stack_top(&stack) == measure->object)
             measure_stretch(measure, volumes, o, d, hit.t, area);
         const SurfacePoint surface = scene_surface(scene, &hit);
-        if (surface.material->surface == AMB_SURFACE_DIELECTRIC) {
+        bool is_opaque = surface.material->surface != AMB_SURFACE_DIELECTRIC;
+        Vec3 ng = surface.ng;
+        if (!is_opaque) {
             const BoundaryCrossing crossing = boundary_cross(scene, &stack, &surface, d);
-            if (!crossing.is_ignored)
-                stack = crossing.beyond;
-        } else {
-            opaque += vec3_dot(d, surface.ng) < 0.0f ? 1 : -1;
+            stack = crossing.beyond;
+            is_opaque = crossing.is_opaque;
+            ng = crossing.surface.ng;
+        }
+        if (is_opaque) {
+            opaque += vec3_dot(d, ng) < 0.0f ? 1 : -1;
             opaque = opaque > 0 ? opaque : 0;
         }
         o = scene_leave(&surface, d);
