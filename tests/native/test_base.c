@@ -114,15 +114,21 @@ static void memory_refuses_sizes_that_overflow(void) {
     }
 }
 
-static void memory_fails_on_demand_once(void) {
-    memory_fail_after(2, 1);
+static void memory_fails_on_demand(void) {
+    memory_fail_after(2);
     for (int i = 0; i < 5; ++i) {
         void *pointer = memory_alloc_array(1, 1);
         ENSURE((pointer == NULL) == (i == 2));
         memory_free(pointer);
     }
-    memory_fail_after(0, 1);
-    memory_fail_after(-1, 0);
+    memory_fail_from(1);
+    for (int i = 0; i < 5; ++i) {
+        void *pointer = memory_alloc_array(1, 1);
+        ENSURE((pointer == NULL) == (i >= 1));
+        memory_free(pointer);
+    }
+    memory_fail_after(0);
+    memory_fail_after(-1);
     void *pointer = memory_alloc_array(1, 1);
     ENSURE(pointer != NULL);
     memory_free(pointer);
@@ -347,7 +353,7 @@ void test_base(void) {
     RUN(status_record_belongs_to_its_thread);
     RUN(memory_is_aligned_zeroed_and_copied);
     RUN(memory_refuses_sizes_that_overflow);
-    RUN(memory_fails_on_demand_once);
+    RUN(memory_fails_on_demand);
     RUN(rng_is_uniform_along_every_index);
     RUN(rng_depends_on_its_indices_alone);
     RUN(parallel_for_visits_every_index_once);

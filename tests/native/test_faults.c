@@ -100,7 +100,7 @@ static bool check_cycle(const Demo *demo, const char *what, int n, const char *f
     char path[96];
     snprintf(path, sizeof path, "%s/memory.exr", folder);
     const AmbStatus status = whole_cycle(demo, path, pixels);
-    memory_fail_after(-1, 0);
+    memory_fail_after(-1);
     if (status == AMB_OK) {
         test_check(memcmp(pixels, expected, sizeof pixels) == 0, __FILE__, __LINE__,
                    "%s, allocation %d: another picture", what, n);
@@ -141,7 +141,7 @@ static void check_memory_case(const MemoryCase *memory, const char *folder) {
     int n = 0, pictures = 0;
     const int step = test_is_long() ? 1 : memory->step;
     for (; pictures < 3 && n < 2000; n += step) {
-        memory_fail_after(n, n % 3 == 0 ? INT64_MAX : 1);
+        n % 3 == 0 ? memory_fail_from(n) : memory_fail_after(n);
         const bool is_picture = check_cycle(&demo, memory->what, n, folder, expected);
         /* Once one allocation less than all has been reached, none may fail. */
         ENSURE(pictures == 0 || is_picture || memory->threads > 1);
@@ -161,6 +161,128 @@ static void memory_failing_anywhere_is_an_error(void) {
     for (size_t i = 0; i < sizeof MEMORY_CASES / sizeof MEMORY_CASES[0]; ++i)
         check_memory_case(&MEMORY_CASES[i], folder);
     ENSURE(rmdir(folder) == 0);
+    ENSURE(memory_held() == 0);
+}
+
+/* ---- Limits of memory ------------------------------------------------------------------------ */
+
+static uint64_t report_number(const char *report, const char *key) {
+    char text[64];
+    snprintf(text, sizeof text, "\"%s\": ", key);
+    const char *at = report != NULL ? strstr(report, text) : NULL;
+    ENSURE(at != NULL);
+    return at != NULL ? strtoull(at + strlen(text), NULL, 10) : 0;
+}
+
+/* Where the limit is too low for what is asked, it is what is left of it after a coarser light
+ * field, and the picture is the one of that. */
+static void light_field_shrinks_to_fit(void) {
+    static const uint32_t estimators[] = {AMB_ESTIMATOR_TUBES, AMB_ESTIMATOR_POINTS_FIXED};
+    for (size_t i = 0; i < 2; ++i) {
+        Demo demo = demo_create();
+        demo.params.estimator = estimators[i];
+        demo.params.effects &= ~(uint32_t)AMB_EFFECT_CAUSTICS; /* their map shrinks by itself */
+        demo.params.tube_refinement = 4;
+        demo.params.light_samples = 1 << 20;
+        const bool is_tubes = estimators[i] == AMB_ESTIMATOR_TUBES;
+        const char *const key = is_tubes ? "tube_refinement" : "light_samples";
+        demo.params.memory_limit = 1ull << 40;
+        Picture whole = demo_render(&demo);
+        ENSURE(strstr(whole.report, "memory_limit") == NULL);
+        ENSURE(report_number(whole.report, "limit_bytes") == 1ull << 40);
+        const uint64_t asked = report_number(whole.report, key);
+
+        /* Between what the finest needs, and a part of it. */
+        demo.params.memory_limit = memory_held() + report_number(whole.report, "scene_bytes") +
+                                   report_number(whole.report, "film_bytes") +
+                                   (report_number(whole.report, "light_bytes") +
+                                    report_number(whole.report, "field_bytes")) /
+                                       2;
+        Picture part = demo_render(&demo);
+        picture_check(&part, "a light field that shrank");
+        const uint64_t given = report_number(part.report, key);
+        test_check(given < asked, __FILE__, __LINE__, "%s %llu of %llu", key,
+                   (unsigned long long)given, (unsigned long long)asked);
+        ENSURE(strstr(part.report, "memory_limit is reached") != NULL);
+        ENSURE_NEAR(picture_mean(&part, PASS_SINGLE) / picture_mean(&whole, PASS_SINGLE), 1.0,
+                    0.05);
+
+        demo.params.memory_limit = 0;
+        demo.params.tube_refinement = is_tubes ? (uint32_t)given : 0;
+        demo.params.light_samples = is_tubes ? 1 << 20 : given;
+        Picture same = demo_render(&demo);
+        ENSURE(picture_is_same(&part, &same));
+        picture_free(&whole);
+        picture_free(&part);
+        picture_free(&same);
+        demo_free(&demo);
+    }
+}
+
+/* Under a target the levels that fit are all there are. */
+static void target_keeps_to_the_limit(void) {
+    Demo demo = demo_create();
+    demo.params.estimator = AMB_ESTIMATOR_TUBES;
+    demo.params.accuracy = 0.02f;
+    demo.params.width = demo.params.height = 4;
+    demo.params.memory_limit = memory_held() + (4u << 20);
+    Picture picture = demo_render(&demo);
+    picture_check(&picture, "tubes to a target with little memory");
+    ENSURE(strstr(picture.report, "goes beyond memory_limit") != NULL);
+    ENSURE(strstr(picture.report, "\"reached\": false") != NULL);
+    picture_free(&picture);
+
+    demo.params.estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
+    demo.params.light_samples = 1 << 18;
+    demo.params.memory_limit = 0;
+    demo.params.accuracy = 0.005f;
+    uint64_t levels[2];
+    for (int i = 0; i < 2; ++i) {
+        picture = demo_render(&demo);
+        picture_check(&picture, "points to a target with little memory");
+        levels[i] = report_number(picture.report, "light_samples");
+        picture_free(&picture);
+        demo.params.memory_limit = memory_held() + (4u << 20);
+    }
+    test_check(levels[1] > 0 && levels[1] < levels[0], __FILE__, __LINE__, "%llu, %llu samples",
+               (unsigned long long)levels[0], (unsigned long long)levels[1]);
+    demo_free(&demo);
+}
+
+static void limit_that_is_too_low_is_one_sentence(void) {
+    Demo demo = demo_create();
+    AmbScene *scene = demo_scene(&demo);
+    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+    AmbErrorInfo info;
+    Picture picture;
+    /* From nothing to what a render of this scene needs and a little more. */
+    uint64_t limit = 1;
+    uint32_t refused = 0;
+    for (AmbStatus status = AMB_OUT_OF_MEMORY; status != AMB_OK; limit += 1 << 17) {
+        demo.params.memory_limit = limit;
+        status = picture_render(scene, &demo.params, &picture);
+        if (status == AMB_OK)
+            break;
+        ++refused;
+        amb_last_error(&info);
+        test_check(status == AMB_OUT_OF_MEMORY && strstr(info.message, "memory_limit is") != NULL,
+                   __FILE__, __LINE__, "%s: %s", amb_status_name(status), info.message);
+        if (refused > 1000)
+            break;
+    }
+    ENSURE(refused > 3 && refused < 1000);
+    picture_free(&picture);
+    /* The largest image, before a byte of it is touched. */
+    AmbRender *render = NULL;
+    demo.params.width = demo.params.height = 65536;
+    demo.params.memory_limit = 0;
+    const AmbStatus status = amb_render_start(scene, &demo.params, &render);
+    amb_last_error(&info);
+    ENSURE(status == AMB_OUT_OF_MEMORY && render == NULL);
+    ENSURE(strstr(info.message, "65536 x 65536") != NULL);
+    ENSURE(strstr(info.message, "memory_limit is") != NULL);
+    amb_scene_destroy(scene);
+    demo_free(&demo);
 }
 
 /* ---- Files ----------------------------------------------------------------------------------- */
@@ -395,8 +517,12 @@ void test_faults(void);
 
 void test_faults(void) {
     RUN(memory_failing_anywhere_is_an_error);
+    RUN(light_field_shrinks_to_fit);
+    RUN(target_keeps_to_the_limit);
+    RUN(limit_that_is_too_low_is_one_sentence);
     RUN(disk_that_is_full_leaves_no_file);
     RUN(small_disk_says_so);
     RUN(paths_that_cannot_be);
     RUN(killed_writer_leaves_whole_files);
+    ENSURE(memory_held() == 0);
 }

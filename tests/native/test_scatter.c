@@ -251,9 +251,9 @@ static void failures_leave_nothing(void) {
     ENSURE_STATUS(scatter_create(scene, &params, &job, &scatter), AMB_OUT_OF_MEMORY);
     params.memory_max = 0;
     for (int64_t n = 0; n < 12; ++n) {
-        memory_fail_after(n, 1);
+        memory_fail_after(n);
         ENSURE_STATUS(scatter_create(scene, &params, &job, &scatter), AMB_OUT_OF_MEMORY);
-        memory_fail_after(-1, 0);
+        memory_fail_after(-1);
     }
     atomic_store(&job.cancelled, true);
     ENSURE_STATUS(scatter_create(scene, &params, &job, &scatter), AMB_CANCELLED);

@@ -314,7 +314,10 @@ typedef struct AmbRenderParams {
     uint32_t scatter_order_max; /* scatterings after which light is left out; 0: no limit */
     uint32_t effects_are_auto;  /* 1: of the effects named those that would not show are left out;
                                  * 0: all that the scene has are simulated */
-    uint64_t memory_limit;      /* bytes; 0: half of the machine's memory */
+    uint64_t memory_limit;      /* bytes that all scenes and renders of the process may hold while
+                                 * this one runs; beyond it the light field gets coarser, which the
+                                 * report says, or the render ends with AMB_OUT_OF_MEMORY. 0: half
+                                 * of the machine's memory */
 } AmbRenderParams;
 
 AMB_API void amb_render_params_init(AmbRenderParams *params);

@@ -7,11 +7,14 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/memory.h"
+
 enum { THREAD_MAX = 256 };
 
 typedef struct Loop {
     Job *job;
     const char *function_name; /* public function of the caller, for failures on other threads */
+    MemoryLimit *memory;       /* of the caller */
     uint64_t count;
     uint64_t grain;
     ParallelFunction function;
@@ -96,6 +99,7 @@ static void loop_run(Loop *loop, uint32_t thread) {
 static void *worker_main(void *user) {
     const Worker *worker = user;
     status_enter(worker->loop->function_name);
+    memory_set_limit(worker->loop->memory);
     const double cpu = clock_thread_cpu();
     loop_run(worker->loop, worker->thread);
     atomic_fetch_add(&worker->loop->job->cpu_ns, (uint64_t)(1e9 * (clock_thread_cpu() - cpu)));
@@ -105,6 +109,7 @@ static void *worker_main(void *user) {
 AmbStatus parallel_for(Job *job, uint64_t count, uint64_t grain, ParallelFunction function,
                        void *user) {
     Loop loop = {.function_name = status_entered(),
+                 .memory = memory_get_limit(),
                  .job = job,
                  .count = count,
                  .grain = grain > 0 ? grain : 1,

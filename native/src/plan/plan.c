@@ -14,6 +14,8 @@ static const uint64_t SAMPLES_PER_RAY = 8;
 static const uint64_t SAMPLES_PER_CAUSTIC_RAY = 4;
 /* Photons that overlap a point of a surface, in units of kernel_size. */
 static const float CAUSTIC_OVERLAP = 4.0f;
+/* Fewer than these are no picture to speak of. */
+static const uint64_t LIGHT_SAMPLES_MIN = 4096, LIGHT_RAYS_MIN = 1024;
 
 const char *plan_estimator_name(uint32_t estimator) {
     static const char *const names[] = {"AUTO", "POINTS_FIXED", "POINTS_COVARIANCE", "TUBES",
@@ -399,6 +401,26 @@ void plan_set_light_samples(Plan *plan, uint64_t samples) {
     const uint64_t rays = samples / SAMPLES_PER_RAY;
     plan->light.ray_count = rays > 0 ? rays : 1;
     plan->field.sample_target = samples;
+}
+
+bool plan_reduce_caustics(Plan *plan) {
+    if (plan->caustics.light.ray_count < 4 * LIGHT_RAYS_MIN)
+        return false;
+    plan->caustics.light.ray_count /= 4;
+    return true;
+}
+
+bool plan_reduce_field(Plan *plan) {
+    if (plan->estimator == AMB_ESTIMATOR_TUBES && plan->field.tube_refinement > 0) {
+        --plan->field.tube_refinement;
+        return true;
+    }
+    const bool is_points = plan->estimator == AMB_ESTIMATOR_POINTS_FIXED ||
+                           plan->estimator == AMB_ESTIMATOR_POINTS_COVARIANCE;
+    if (!is_points || plan->field.sample_target < 4 * LIGHT_SAMPLES_MIN)
+        return false;
+    plan_set_light_samples(plan, plan->field.sample_target / 4);
+    return true;
 }
 
 AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job *job,

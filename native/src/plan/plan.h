@@ -51,6 +51,11 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job 
 /* Another number of volume samples than the parameters say. */
 void plan_set_light_samples(Plan *plan, uint64_t samples);
 
+/* A light field of a quarter of the bytes, about; false: it is as coarse as can be. */
+bool plan_reduce_field(Plan *plan);
+/* The same of the map of caustics. */
+bool plan_reduce_caustics(Plan *plan);
+
 const char *plan_estimator_name(uint32_t estimator);
 const char *plan_scatter_estimator_name(uint32_t estimator);
 

@@ -75,9 +75,19 @@ typedef struct Ladder {
     FieldAccount accounts[2];
 } Ladder;
 
-static AmbStatus climb(AmbRender *render, Ladder *ladder) {
+/* The first level may come out coarser than wanted; the others are refinements of it, or are left
+ * out where they go beyond the limit of memory. */
+static AmbStatus climb(AmbRender *render, Ladder *ladder, bool *out_is_left_out) {
     Field *field = NULL;
-    AMB_TRY(render_build_field(render, &field));
+    if (ladder->fields[1] == NULL) {
+        AMB_TRY(render_build_fitting_field(render, &field));
+    } else {
+        const AmbStatus status = render_build_field(render, &field);
+        *out_is_left_out = render_forgive_memory(render, status);
+        if (*out_is_left_out)
+            return AMB_OK;
+        AMB_TRY(status);
+    }
     field_destroy(ladder->fields[0]);
     ladder->fields[0] = ladder->fields[1];
     ladder->accounts[0] = ladder->accounts[1];
@@ -99,7 +109,13 @@ static AmbStatus climb_until_fine(AmbRender *render, Ladder *ladder) {
     const FieldDifferences *differences = &accuracy->probe.differences;
     uint32_t top = 0;
     while (set_level(render, top, ladder->accounts[1].field_bytes)) {
-        AMB_TRY(climb(render, ladder));
+        bool is_left_out = render->is_reduced;
+        if (!is_left_out)
+            AMB_TRY(climb(render, ladder, &is_left_out));
+        if (is_left_out) {
+            accuracy->limit = "light field: a finer one goes beyond memory_limit";
+            break;
+        }
         accuracy->level = top;
         if (top > 0) {
             accuracy->has_field = true;
@@ -142,7 +158,8 @@ AmbStatus accuracy_choose_field(AmbRender *render, Field **out_field) {
     render->account = ladder.accounts[is_older ? 0 : 1];
     field_destroy(ladder.fields[is_older ? 1 : 0]);
     /* The plan, and the report with it, again as the chosen level has it. */
-    set_level(render, accuracy->level, 0);
+    if (!render->is_reduced)
+        set_level(render, accuracy->level, 0);
     return AMB_OK;
 }
 
@@ -527,7 +544,7 @@ AmbStatus accuracy_run_camera(AmbRender *render, const Field *field) {
     survey_clear(&survey);
     accuracy->is_reached = status == AMB_OK && accuracy->has_field &&
                            accuracy_stated(accuracy) <= (double)accuracy->target;
-    if (!accuracy->has_field)
+    if (!accuracy->has_field && accuracy->limit[0] == '\0')
         accuracy->limit = "light field: two levels of it exceed 2 GiB, its error is unknown";
     else if (accuracy->limit[0] == '\0' && !accuracy->is_reached)
         accuracy->limit = is_tubes(render) ? "light field: tubes are refined no further"

@@ -230,6 +230,10 @@ static AmbStatus run_scatter(AmbRender *render, Scatter **out_scatter) {
     return status;
 }
 
+bool render_forgive_memory(AmbRender *render, AmbStatus status) {
+    return status == AMB_OUT_OF_MEMORY && atomic_exchange(&render->memory.refused, 0) > 0;
+}
+
 AmbStatus render_build_field(AmbRender *render, Field **out_field) {
     LightField light = {.object_count = 0};
     /* The others refract at the mesh's own triangles: no light ray is traced for them. */
@@ -238,6 +242,26 @@ AmbStatus render_build_field(AmbRender *render, Field **out_field) {
         AMB_TRY(run_light(render, &light));
     const AmbStatus status = run_field(render, &light, out_field);
     light_field_clear(&light);
+    return status;
+}
+
+/* Whether a failure was the limit's of memory and there is a coarser plan to try instead. */
+static bool try_coarser(AmbRender *render, AmbStatus status, bool (*reduce)(Plan *plan)) {
+    const bool is_limit = status == AMB_OUT_OF_MEMORY && atomic_load(&render->memory.refused) > 0;
+    if (!is_limit || !reduce(&render->plan))
+        return false;
+    atomic_store(&render->memory.refused, 0);
+    pthread_mutex_lock(&render->lock);
+    render->is_reduced = true;
+    pthread_mutex_unlock(&render->lock);
+    return true;
+}
+
+AmbStatus render_build_fitting_field(AmbRender *render, Field **out_field) {
+    AmbStatus status;
+    do
+        status = render_build_field(render, out_field);
+    while (try_coarser(render, status, plan_reduce_field));
     return status;
 }
 
@@ -258,7 +282,11 @@ static AmbStatus run_caustics(AmbRender *render, CausticMap **out_map) {
         return AMB_OK;
     set_stage(render, STAGE_LIGHT);
     const StageClock begin = clock_stage(render);
-    AMB_TRY(caustics_create(render->scene, &render->plan.caustics, &render->job, out_map));
+    AmbStatus status;
+    do
+        status = caustics_create(render->scene, &render->plan.caustics, &render->job, out_map);
+    while (try_coarser(render, status, plan_reduce_caustics));
+    AMB_TRY(status);
     charge_stage(render, STAGE_LIGHT, begin);
     render->caustics = caustics_account(*out_map);
     render->plan.camera.caustics = *out_map;
@@ -271,7 +299,7 @@ static AmbStatus run_light_side(AmbRender *render, Field **out_field) {
     else if (render->accuracy.target > 0.0f)
         return accuracy_choose_field(render, out_field);
     else
-        return render_build_field(render, out_field);
+        return render_build_fitting_field(render, out_field);
     return AMB_OK;
 }
 
@@ -306,10 +334,23 @@ static AmbStatus run_stages(AmbRender *render) {
     return status;
 }
 
+/* Says of a failure that it was the limit's, and not the machine's. */
+static AmbStatus explain_memory(const AmbRender *render, AmbStatus status) {
+    const uint64_t wanted = atomic_load(&render->memory.refused);
+    if (status != AMB_OUT_OF_MEMORY || wanted == 0)
+        return status;
+    AmbErrorInfo info;
+    status_copy_record(&info);
+    return status_fail(status, "%.130s: it makes %llu MiB in all, and memory_limit is %llu MiB",
+                       info.message, (unsigned long long)(wanted >> 20),
+                       (unsigned long long)(render->memory.bytes >> 20));
+}
+
 static void *render_main(void *user) {
     AmbRender *render = user;
     status_enter("amb_render_wait");
-    const AmbStatus status = run_stages(render);
+    memory_set_limit(&render->memory);
+    const AmbStatus status = explain_memory(render, run_stages(render));
     pthread_mutex_lock(&render->lock);
     render->status = status;
     if (status == AMB_OK) {
@@ -367,7 +408,12 @@ AmbStatus render_start(AmbScene *scene, const AmbRenderParams *params, AmbRender
     job_init(&render->job, params->threads);
     atomic_init(&render->camera_leak_count, 0);
     render->start = clock_wall();
-    AmbStatus status = film_create(width, height, &render->film);
+    const uint64_t machine = memory_of_machine();
+    render->memory.bytes = params->memory_limit > 0 ? params->memory_limit : machine / 2;
+    atomic_init(&render->memory.refused, 0);
+    memory_set_limit(&render->memory);
+    AmbStatus status = explain_memory(render, film_create(width, height, &render->film));
+    memory_set_limit(NULL);
     if (status == AMB_OK && pthread_create(&render->thread, NULL, render_main, render) != 0)
         status = status_fail(AMB_OUT_OF_MEMORY, "no thread for a render");
     if (status != AMB_OK) {
@@ -427,6 +473,9 @@ void render_progress(AmbRender *render, AmbProgress *out_progress) {
              is_running ? STAGE_NAMES[stage] : "done");
     if (stage == STAGE_CAMERA)
         describe_camera(render, out_progress);
+    else if (stage == STAGE_FIELD && render->is_reduced)
+        snprintf(out_progress->detail, sizeof out_progress->detail,
+                 "Building a coarser light field: the memory limit is reached");
     else
         snprintf(out_progress->detail, sizeof out_progress->detail, "%s", details[stage]);
     pthread_mutex_unlock(&render->lock);

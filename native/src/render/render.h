@@ -5,6 +5,7 @@
 
 #include <pthread.h>
 
+#include "base/memory.h"
 #include "film/film.h"
 #include "plan/plan.h"
 #include "render/accuracy.h"
@@ -36,6 +37,7 @@ struct AmbRender {
     Plan plan;
     Film film;
     Job job;
+    MemoryLimit memory;
     pthread_t thread;
     double start; /* clock_wall */
 
@@ -47,6 +49,7 @@ struct AmbRender {
     uint32_t samples_done;
     float fraction; /* largest reported */
     double stage_start;
+    bool is_reduced;   /* the light field is coarser than asked for, or will be: memory */
     Accuracy accuracy; /* the measure so far; only its thread writes */
     double elapsed;    /* of an ended render */
     AmbStatus status;
@@ -73,6 +76,10 @@ void render_destroy(AmbRender *render);
 
 /* The light field as the plan has it now; its account replaces the last one's. */
 AmbStatus render_build_field(AmbRender *render, Field **out_field);
+/* The same, coarser and coarser where it goes beyond the limit of memory. */
+AmbStatus render_build_fitting_field(AmbRender *render, Field **out_field);
+/* Whether a failure was the limit's of memory; if so, the next one will be told from it. */
+bool render_forgive_memory(AmbRender *render, AmbStatus status);
 /* The probes of render->accuracy seen through one more field, the second; the first is the one
  * before. */
 AmbStatus render_probe(AmbRender *render, Field *const fields[2]);

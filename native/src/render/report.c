@@ -49,10 +49,11 @@ static void add_stages(Text *text, const AmbRender *render) {
 static void add_memory(Text *text, const AmbRender *render) {
     add(text,
         "  \"memory\": {\"scene_bytes\": %llu, \"light_bytes\": %llu, \"field_bytes\": %llu, "
-        "\"film_bytes\": %llu, \"peak_rss_bytes\": %llu},\n",
+        "\"film_bytes\": %llu, \"peak_rss_bytes\": %llu, \"limit_bytes\": %llu},\n",
         (unsigned long long)render->scene_bytes, (unsigned long long)render->account.light_bytes,
         (unsigned long long)render->account.field_bytes,
-        (unsigned long long)film_bytes(&render->film), (unsigned long long)render->peak_rss_bytes);
+        (unsigned long long)film_bytes(&render->film), (unsigned long long)render->peak_rss_bytes,
+        (unsigned long long)render->memory.bytes);
 }
 
 static void add_light(Text *text, const AmbRender *render) {
@@ -165,6 +166,9 @@ static void add_warnings(Text *text, const AmbRender *render, uint64_t nonfinite
          "camera rays left a translucent object through a hole in its mesh: close it for a right "
          "picture",
          atomic_load(&render->camera_leak_count));
+    warn(&warnings, NULL,
+         "memory_limit is reached: the light is traced and kept more coarsely than asked for",
+         render->is_reduced);
     warn(&warnings, NULL, "samples were not finite and were left out: please report this scene",
          nonfinite);
     add(text, "],\n");

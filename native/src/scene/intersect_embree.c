@@ -18,7 +18,8 @@
 struct Intersector {
     RTCDevice device;
     RTCScene scene;
-    Job *job; /* during the commit */
+    Job *job;            /* during the commit */
+    MemoryLimit *memory; /* of the render that builds; Embree allocates on threads of its own */
     atomic_int_least64_t bytes;
 };
 
@@ -27,7 +28,7 @@ struct Intersector {
 static bool on_memory(void *user, ssize_t bytes, bool post) {
     (void)post;
     Intersector *self = user;
-    if (bytes > 0 && memory_must_fail())
+    if ((bytes > 0 && memory_must_fail()) || !memory_reserve(self->memory, (int64_t)bytes))
         return false;
     atomic_fetch_add(&self->bytes, (int64_t)bytes);
     return true;
@@ -68,6 +69,7 @@ AmbStatus intersector_create(uint32_t thread_count, Intersector **out_intersecto
         return status_fail(AMB_INTERNAL, "Embree gives no device");
     }
     atomic_init(&self->bytes, 0);
+    self->memory = memory_get_limit();
     rtcSetDeviceMemoryMonitorFunction(self->device, on_memory, self);
     self->scene = rtcNewScene(self->device);
     /* Watertight at shared edges: a path that slips between two triangles of a closed boundary
@@ -89,6 +91,8 @@ void intersector_destroy(Intersector *self) {
     if (self->scene != NULL)
         rtcReleaseScene(self->scene);
     rtcReleaseDevice(self->device);
+    /* What Embree took and did not give back, its own devices' small change. */
+    memory_reserve(NULL, -atomic_load(&self->bytes));
     memory_free(self);
 }
 
@@ -122,6 +126,7 @@ AmbStatus intersector_commit(Intersector *self, Job *job) {
     rtcCommitScene(self->scene);
     rtcSetSceneProgressMonitorFunction(self->scene, NULL, NULL);
     self->job = NULL;
+    self->memory = NULL;
     AMB_TRY(check(self->device, "building the ray accelerator"));
     return job_is_cancelled(job) ? AMB_CANCELLED : AMB_OK;
 }
