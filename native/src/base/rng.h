@@ -6,7 +6,13 @@
 
 #include <stdint.h>
 
-enum { RNG_STAGE_LIGHT = 1, RNG_STAGE_CAMERA = 2, RNG_STAGE_PROBE = 3, RNG_STAGE_PHOTON = 5 };
+enum {
+    RNG_STAGE_LIGHT = 1,
+    RNG_STAGE_CAMERA = 2,
+    RNG_STAGE_PROBE = 3,
+    RNG_STAGE_PLAN = 4,
+    RNG_STAGE_PHOTON = 5
+};
 
 typedef struct Rng {
     uint64_t key; /* of (seed, stage, path) */

@@ -12,17 +12,19 @@ typedef struct Branch {
     float t_max;
     Rgb throughput;
     MediumStack stack;
-    uint32_t bounces; /* internal reflections so far */
-    uint32_t depth;   /* boundaries so far */
+    CameraWay way;  /* so far */
+    uint32_t depth; /* boundaries so far */
 } Branch;
 
 /* Adds what scattered along the branch inside its medium, and attenuates the branch. */
 static void pass_medium(Walker *walker, Branch *branch, float length) {
     const Medium *medium = &medium_stack_material(walker->scene, &branch->stack)->medium;
+    const FieldSegment segment = {branch->o, branch->d, length, medium_stack_top(&branch->stack)};
+    if (walker->observer != NULL && medium_scatters(medium))
+        walker->observer->see_medium(walker->observer->user, &branch->way, &segment, 0,
+                                     branch->throughput);
     if (walker->field != NULL && medium_scatters(medium) &&
         (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0) {
-        const FieldSegment segment = {branch->o, branch->d, length,
-                                      medium_stack_top(&branch->stack)};
         const FieldRadiance gathered = field_gather(walker->field, &segment);
         CameraSample *out = walker->out;
         out->orders[0] = rgb_madd(out->orders[0], branch->throughput, gathered.radiance);
@@ -31,15 +33,26 @@ static void pass_medium(Walker *walker, Branch *branch, float length) {
         out->contribution += weight * gathered.contribution;
     }
     /* What the walls reflect goes on in the walk of the first stretch. */
-    if (branch->bounces == 0 && walk_is_wanted(walker->params) && medium_scatters(medium))
+    if (branch->way.bounces == 0 && walk_is_wanted(walker->params) && medium_scatters(medium)) {
+        walker->way = branch->way;
         walk_scatter(walker, branch->o, branch->d, &branch->stack, branch->throughput);
+    }
     branch->throughput = rgb_mul(branch->throughput, medium_transmittance(medium, length));
+}
+
+/* Adds light that arrives at the end of the branch. */
+static void see_surface(const Walker *walker, const Branch *branch, Rgb radiance) {
+    const Rgb arriving = rgb_mul(branch->throughput, radiance);
+    if (walker->observer != NULL)
+        walker->observer->see_light(walker->observer->user, &branch->way, 0, arriving);
+    else
+        walker->out->surface = rgb_add(walker->out->surface, arriving);
 }
 
 static void follow(Walker *walker, Branch branch);
 
 static void follow_next(Walker *walker, const Branch *from, const SurfacePoint *surface, Vec3 d,
-                        const MediumStack *stack, Rgb throughput, uint32_t bounces) {
+                        const MediumStack *stack, Rgb throughput, CameraWay way) {
     if (from->depth + 1 >= DEPTH_MAX)
         return;
     const float strongest = rgb_max(throughput);
@@ -54,7 +67,7 @@ static void follow_next(Walker *walker, const Branch *from, const SurfacePoint *
                             .t_max = INFINITY,
                             .throughput = throughput,
                             .stack = *stack,
-                            .bounces = bounces,
+                            .way = way,
                             .depth = from->depth + 1});
 }
 
@@ -74,16 +87,23 @@ static void follow_boundary(Walker *walker, const Branch *branch,
         const float weight = (1.0f - reflectance) * crossing->eta * crossing->eta;
         const Rgb throughput =
             rgb_mul(rgb_scale(branch->throughput, weight), material->transmit_color);
+        CameraWay way = branch->way;
+        way.object = surface->object;
+        way.effects |= leaves ? AMB_EFFECT_BACKGROUND : 0u;
         follow_next(walker, branch, surface, crossing->split.refracted, &crossing->beyond,
-                    throughput, branch->bounces);
+                    throughput, way);
     }
     const bool wants_reflection = is_outside ? (effects & AMB_EFFECT_SURFACE_REFLECTION) != 0
-                                             : branch->bounces < walker->params->bounces;
+                                             : branch->way.bounces < walker->params->bounces;
     if (crossing->can_reflect && wants_reflection) {
         const Rgb throughput =
             rgb_mul(rgb_scale(branch->throughput, reflectance), material->reflect_color);
+        CameraWay way = branch->way;
+        way.object = surface->object;
+        way.effects |= is_outside ? AMB_EFFECT_SURFACE_REFLECTION : 0u;
+        way.bounces += is_outside ? 0u : 1u;
         follow_next(walker, branch, surface, crossing->split.reflected, &branch->stack, throughput,
-                    branch->bounces + (is_outside ? 0u : 1u));
+                    way);
     }
 }
 
@@ -107,8 +127,7 @@ static void follow(Walker *walker, Branch branch) {
             out->alpha = 0.0f;
             return;
         }
-        out->surface =
-            rgb_madd(out->surface, branch.throughput, world_radiance(&scene->world, branch.d));
+        see_surface(walker, &branch, world_radiance(&scene->world, branch.d));
         return;
     }
     if (branch.depth == 0)
@@ -118,13 +137,15 @@ static void follow(Walker *walker, Branch branch) {
         follow_boundary(walker, &branch, &arrival.crossing);
         return;
     }
-    const Rgb radiance = shade_diffuse(walker, &arrival.crossing.surface, branch.d, &branch.stack,
-                                       branch.throughput);
-    out->surface = rgb_madd(out->surface, branch.throughput, radiance);
+    /* An observer's light has no orders to put what glows on the surface into. */
+    const Rgb glow = walker->observer != NULL ? rgb(0, 0, 0) : branch.throughput;
+    see_surface(walker, &branch,
+                shade_diffuse(walker, &arrival.crossing.surface, branch.d, &branch.stack, glow));
 }
 
-CameraSample camera_sample(const AmbScene *scene, const Field *field, const CameraParams *params,
-                           uint32_t x, uint32_t y, uint32_t index) {
+static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
+                                 const CameraObserver *observer, const CameraParams *params,
+                                 uint32_t x, uint32_t y, uint32_t index) {
     const uint64_t pixel = (uint64_t)y * params->width + x;
     /* A low-discrepancy sequence, turned for each pixel and replica, covers its area. */
     const Rng pixel_rng = rng_create(params->seed, RNG_STAGE_CAMERA, pixel);
@@ -136,7 +157,8 @@ CameraSample camera_sample(const AmbScene *scene, const Field *field, const Came
                      .field = field,
                      .params = params,
                      .rng = {rng_mix(pixel_rng.key + index + 1)},
-                     .out = &sample};
+                     .out = &sample,
+                     .observer = observer};
     const Sample2 lens = walker_random2(&walker);
     const CameraRay ray = camera_ray(&scene->camera, ((float)x + jitter.u) / (float)params->width,
                                      ((float)y + jitter.v) / (float)params->height, lens);
@@ -144,9 +166,20 @@ CameraSample camera_sample(const AmbScene *scene, const Field *field, const Came
                              .d = ray.d,
                              .t_max = ray.t_max,
                              .throughput = {1, 1, 1},
+                             .way = {.object = UINT32_MAX},
                              .stack = params->may_start_inside ? scene_media_at(scene, ray.o)
                                                                : (MediumStack){.count = 0}});
     if (sample.depth != CAMERA_DEPTH_NONE)
         sample.depth = ray.depth_o + sample.depth * ray.cos_axis;
     return sample;
+}
+
+CameraSample camera_sample(const AmbScene *scene, const Field *field, const CameraParams *params,
+                           uint32_t x, uint32_t y, uint32_t index) {
+    return sample_pixel(scene, field, NULL, params, x, y, index);
+}
+
+CameraSample camera_observe(const AmbScene *scene, const CameraObserver *observer,
+                            const CameraParams *params, uint32_t x, uint32_t y, uint32_t index) {
+    return sample_pixel(scene, NULL, observer, params, x, y, index);
 }

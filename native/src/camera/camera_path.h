@@ -53,4 +53,28 @@ static inline Rgb camera_sample_sum(const CameraSample *sample) {
 CameraSample camera_sample(const AmbScene *scene, const Field *field, const CameraParams *params,
                            uint32_t x, uint32_t y, uint32_t index);
 
+/* What light needs so that it is seen along a branch of a camera path. */
+typedef struct CameraWay {
+    uint32_t effects; /* AMB_EFFECT_SURFACE_REFLECTION, AMB_EFFECT_BACKGROUND */
+    uint32_t bounces; /* internal reflections */
+    uint32_t object;  /* whose boundary the branch met last; UINT32_MAX: none */
+} CameraWay;
+
+/* Looks at a camera path and its walks instead of summing up what they see. */
+typedef struct CameraObserver {
+    void *user;
+    /* A stretch inside a medium that scatters, after so many scatterings; throughput from its
+     * start to the lens. */
+    void (*see_medium)(void *user, const CameraWay *way, const FieldSegment *segment,
+                       uint32_t order, Rgb throughput);
+    /* Light of the world or of an opaque surface as it arrives at the lens, after so many
+     * scatterings. */
+    void (*see_light)(void *user, const CameraWay *way, uint32_t order, Rgb radiance);
+} CameraObserver;
+
+/* The path of camera_sample with everything that params->effects has. The sample has no
+ * radiance. */
+CameraSample camera_observe(const AmbScene *scene, const CameraObserver *observer,
+                            const CameraParams *params, uint32_t x, uint32_t y, uint32_t index);
+
 #endif

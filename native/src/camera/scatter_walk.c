@@ -66,6 +66,16 @@ static void add(const Walk *walk, uint32_t order, Rgb radiance) {
     orders[index - 1] = rgb_madd(orders[index - 1], walk->throughput, radiance);
 }
 
+/* Light of the surroundings, which has scattered as often as the walk. */
+static void add_surroundings(const Walk *walk, Rgb radiance) {
+    const Walker *walker = walk->walker;
+    if (walker->observer != NULL)
+        walker->observer->see_light(walker->observer->user, &walker->way, walk->order,
+                                    rgb_mul(walk->throughput, radiance));
+    else
+        add(walk, walk->order, radiance);
+}
+
 static bool wants_surroundings(const Walk *walk) {
     return (walk->walker->params->effects & AMB_EFFECT_WORLD_LIGHT) != 0 &&
            wants_order(walk->walker->params, walk->order);
@@ -221,9 +231,14 @@ static void pass(Walk *walk, const Target *target, float probability) {
 
 static void gather(Walk *walk, float length) {
     const Walker *walker = walk->walker;
-    if (walker->field == NULL || walk->order == 0 || !wants_order(walker->params, walk->order + 1))
+    if (walk->order == 0 || !wants_order(walker->params, walk->order + 1))
         return;
     const FieldSegment segment = {walk->o, walk->d, length, medium_stack_top(&walk->stack)};
+    if (walker->observer != NULL)
+        walker->observer->see_medium(walker->observer->user, &walker->way, &segment, walk->order,
+                                     walk->throughput);
+    if (walker->field == NULL)
+        return;
     add(walk, walk->order + 1, field_gather(walker->field, &segment).radiance);
 }
 
@@ -279,11 +294,11 @@ static bool step(Walk *walk) {
     /* Certain where it ends: no need to choose it by chance. */
     if (wants_surroundings(walk)) {
         if (!target.is_hit && material == NULL)
-            add(walk, walk->order, world_radiance_but_lamps(&walker->scene->world, walk->d));
+            add_surroundings(walk, world_radiance_but_lamps(&walker->scene->world, walk->d));
         if (target.is_hit && !target.is_boundary) {
             const Rgb seen =
                 shade_diffuse(walk->walker, &target.surface, walk->d, &walk->stack, rgb(0, 0, 0));
-            add(walk, walk->order, rgb_mul(transmittance, seen));
+            add_surroundings(walk, rgb_mul(transmittance, seen));
         }
     }
     const float sum = choice.scatter + choice.reflect + choice.pass;

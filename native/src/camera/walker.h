@@ -16,6 +16,8 @@ typedef struct Walker {
     Rng rng;
     uint32_t dimension; /* next unused random number */
     CameraSample *out;
+    const CameraObserver *observer; /* NULL: what is seen is summed up in out */
+    CameraWay way;                  /* the observer's, of a walk's beginning */
 } Walker;
 
 static inline float walker_random(Walker *walker) {

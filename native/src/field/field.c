@@ -16,6 +16,10 @@ struct Field {
     SpecularCount specular_count;
 };
 
+static bool is_target(const FieldParams *params, uint32_t object) {
+    return params->targets == NULL || params->targets[object];
+}
+
 static AmbStatus create_points(const AmbScene *scene, const LightField *light,
                                const FieldParams *params, Job *job, Field *field) {
     field->clouds = memory_zero_array(scene->object_count, sizeof(PointCloud));
@@ -30,7 +34,7 @@ static AmbStatus create_points(const AmbScene *scene, const LightField *light,
         .kernel_size = params->kernel_size,
         .spacing = (float)(total_length / (double)params->sample_target)};
     for (uint32_t o = 0; o < scene->object_count; ++o)
-        if (light->objects[o].count > 0) {
+        if (light->objects[o].count > 0 && is_target(params, o)) {
             const Medium *medium = &scene->materials[scene->objects[o].inside].medium;
             AMB_TRY(
                 points_build(&light->objects[o], medium, &point_params, job, &field->clouds[o]));
@@ -47,7 +51,7 @@ static AmbStatus create_tubes(const AmbScene *scene, const FieldParams *params, 
                                     .bounces = params->light_bounces,
                                     .adjoint_normals = params->adjoint_normals};
     for (uint32_t o = 0; o < scene->object_count; ++o)
-        if (scene->objects[o].is_boundary &&
+        if (scene->objects[o].is_boundary && is_target(params, o) &&
             medium_scatters(&scene->materials[scene->objects[o].inside].medium))
             AMB_TRY(tubes_build(scene, o, &tube_params, job, &field->tube_count, &field->tubes[o]));
     return AMB_OK;
@@ -59,7 +63,7 @@ static AmbStatus create_specular(const AmbScene *scene, const FieldParams *param
     if (field->specular == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light field");
     for (uint32_t o = 0; o < scene->object_count; ++o)
-        if (scene->objects[o].is_boundary &&
+        if (scene->objects[o].is_boundary && is_target(params, o) &&
             medium_scatters(&scene->materials[scene->objects[o].inside].medium))
             AMB_TRY(specular_build(scene, o, params->adjoint_normals, job, &field->specular_count,
                                    &field->specular[o]));

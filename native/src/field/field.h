@@ -13,6 +13,7 @@ typedef struct FieldParams {
     float kernel_size;        /* points: C_k of [Liang19] eq. 8 */
     uint32_t tube_refinement; /* tubes: each triangle is halved that many times along its edges */
     uint32_t light_bounces;   /* tubes: internal reflections to follow; points as above */
+    const bool *targets;      /* by object: those that have a field; NULL: all */
     bool adjoint_normals;     /* tubes and specular: see BoundaryCrossing; points have it from the
                                * light pass */
 } FieldParams;

@@ -62,8 +62,9 @@ typedef struct Branch {
     float start_slope;
     float emitted; /* largest channel of the ray's flux at the light */
     uint32_t bounces;
-    bool is_direct; /* has met no boundary yet */
-    bool is_bent;   /* has been refracted or reflected */
+    bool is_direct;  /* has met no boundary yet */
+    bool is_bent;    /* has been refracted or reflected */
+    bool has_passed; /* has left an object */
 } Branch;
 
 static AmbStatus chunk_append(Chunk *chunk, const LightBeam *beam, uint32_t owner) {
@@ -139,6 +140,8 @@ static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, 
                           .length = visible,
                           .flux = branch->flux,
                           .spread = tangent_spread(branch->pairs, branch->d),
+                          .bounces = (uint16_t)branch->bounces,
+                          .has_passed = branch->has_passed,
                           .start_slope = branch->start_slope,
                           .end_slope = end_slope};
         if (branch->entry_area == 0.0f) {
@@ -198,6 +201,7 @@ static Branch refract_branch(const Tracer *tracer, const Arrival *arrival) {
         weight *= crossing->adjoint_refract;
     next.flux = rgb_mul(rgb_scale(next.flux, weight), crossing->surface.material->transmit_color);
     next.stack = crossing->beyond;
+    next.has_passed = next.has_passed || next.stack.count == 0;
     if (arrival->branch->stack.count == 0) {
         const TangentSpread spread = tangent_spread(next.pairs, next.d);
         next.entry_area = tangent_cross_section(&spread, 0.0f);
@@ -347,7 +351,8 @@ static AmbStatus list_batches(Tracer *tracer) {
         for (uint32_t o = 0; o < scene->object_count; ++o) {
             const SceneObject *object = &scene->objects[o];
             /* Light that starts inside begins with the outermost object around it. */
-            if (!object->is_boundary || (start.count > 0 && start.objects[0] != o))
+            const bool is_target = tracer->params->targets == NULL || tracer->params->targets[o];
+            if (!object->is_boundary || !is_target || (start.count > 0 && start.objects[0] != o))
                 continue;
             const Rng rng = rng_create(tracer->params->seed, RNG_STAGE_LIGHT, l);
             Batch batch = {.emission = {.light = light,

@@ -17,6 +17,8 @@ typedef struct LightBeam {
     float cell_area;        /* the same of the lattice's cell alone, m^2; > 0. A source is sampled
                              * by a point of its own for each ray: its extent must not widen what
                              * the ray stands for */
+    uint16_t bounces;       /* internal reflections so far */
+    bool has_passed; /* light that left one object and came into another, or the same again */
     float start_slope, end_slope; /* tan of the angle between the ray and the surface's normal at
                                    * either end; 0 where it does not end on a surface */
 } LightBeam;
@@ -64,6 +66,7 @@ typedef struct LightTraceParams {
     uint64_t ray_count;   /* to emit, over all lights and objects */
     uint32_t bounces;     /* internal reflections to follow */
     bool follows_through; /* go on with light that leaves an object, to others behind it */
+    const bool *targets;  /* by object: those that light is sent to; NULL: all */
     bool adjoint_normals; /* see BoundaryCrossing */
     bool lands; /* keep landings instead of beams: light that boundaries refract, or reflect on
                  * their outside, onto opaque surfaces. Light that passed boundaries between equal

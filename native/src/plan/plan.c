@@ -2,20 +2,21 @@
  * What is worth simulating. */
 #include "plan/plan.h"
 
-#include "field/tubes/tube_source.h"
+#include <string.h>
+
+#include "base/memory.h"
+#include "plan/decide.h"
+#include "plan/plan_caustics.h"
+#include "plan/plan_estimator.h"
 #include "plan/plan_scatter.h"
+#include "plan/scene_rules.h"
 
 /* Volume samples along one light ray, on average. More of them follow a caustic more closely and
  * make tighter boxes, fewer leave more rays for the same memory. */
 static const uint64_t SAMPLES_PER_RAY = 8;
 
-/* Light rays for caustics, in volume samples: a map of a million samples' rays is finer than a
- * pixel of most pictures. */
-static const uint64_t SAMPLES_PER_CAUSTIC_RAY = 4;
-/* Photons that overlap a point of a surface, in units of kernel_size. */
-static const float CAUSTIC_OVERLAP = 4.0f;
 /* Fewer than these are no picture to speak of. */
-static const uint64_t LIGHT_SAMPLES_MIN = 4096, LIGHT_RAYS_MIN = 1024;
+static const uint64_t LIGHT_SAMPLES_MIN = 4096, CAUSTIC_RAYS_MIN = 1024;
 
 const char *plan_estimator_name(uint32_t estimator) {
     static const char *const names[] = {"AUTO", "POINTS_FIXED", "POINTS_COVARIANCE", "TUBES",
@@ -33,368 +34,288 @@ AmbStatus plan_check(const AmbRenderParams *params) {
     return AMB_OK;
 }
 
-static PlanEffect simulated(const char *name, const char *reason) {
-    return (PlanEffect){name, true, reason};
-}
-
-static PlanEffect skipped(const char *name, const char *reason) {
-    return (PlanEffect){name, false, reason};
-}
-
-static bool has_boundary(const AmbScene *scene) {
-    for (uint32_t o = 0; o < scene->object_count; ++o)
-        if (scene->objects[o].is_boundary)
-            return true;
-    return false;
-}
-
-static bool has_refraction(const AmbScene *scene) {
-    for (uint32_t o = 0; o < scene->object_count; ++o)
-        if (scene->objects[o].is_boundary && scene->materials[scene->objects[o].inside].ior != 1.0f)
-            return true;
-    return false;
-}
-
-static bool has_scattering(const AmbScene *scene) {
-    for (uint32_t o = 0; o < scene->object_count; ++o)
-        if (scene->objects[o].is_boundary &&
-            medium_scatters(&scene->materials[scene->objects[o].inside].medium))
-            return true;
-    return false;
-}
-
-static bool has_light(const AmbScene *scene) {
-    for (uint32_t l = 0; l < scene->light_count; ++l)
-        if (rgb_max(scene->lights[l].color) > 0.0f)
-            return true;
-    return false;
-}
+/* Probe rays of the light, and camera paths that measure the shares. Both grow with the render so
+ * that they stay a small part of it; a small one that chooses by itself takes the least. */
+enum {
+    LIGHT_RAYS_MIN = 1024,
+    LIGHT_RAYS_MAX = 4096,
+    SAMPLES_PER_LIGHT_RAY = 16,
+    PROBES_MIN = 64, /* at a time */
+    PROBES_MAX = 1024,
+    SAMPLES_PER_PROBE = 64,
+    SAMPLES_OF_TARGET = 8, /* of a pixel, where a target decides */
+    VIEW_RAYS_MAX = 4096
+};
+/* Another sequence than the picture's own. */
+static const uint32_t PROBE_SEED = 0x5eed;
+/* Of the least share: all later orders together stay below half of it. */
+static const double ALBEDO_PART = 0.5;
+/* Of a picture whose effects are all chosen by hand the shares are told as if all were on. */
+static const uint32_t EFFECTS_ALL = AMB_EFFECT_SINGLE_SCATTERING | AMB_EFFECT_DOUBLE_SCATTERING |
+                                    AMB_EFFECT_MULTIPLE_SCATTERING | AMB_EFFECT_WORLD_LIGHT |
+                                    AMB_EFFECT_SURFACE_REFLECTION | AMB_EFFECT_BACKGROUND;
 
 static PlanEffect plan_single(const AmbScene *scene, const AmbRenderParams *params,
                               bool has_world) {
     const char *name = "single scattering";
     if ((params->effects & AMB_EFFECT_SINGLE_SCATTERING) == 0)
-        return skipped(name, "switched off");
-    if (!has_scattering(scene))
-        return skipped(name, "no medium scatters");
-    if (has_light(scene))
-        return simulated(name, "a medium scatters the light of a lamp");
+        return plan_skipped(name, "switched off");
+    if (!scene_has_scattering(scene))
+        return plan_skipped(name, "no medium scatters");
+    if (scene_has_lamp(scene))
+        return plan_simulated(name, "a medium scatters the light of a lamp");
     if (has_world)
-        return simulated(name, "a medium scatters the light of its surroundings");
-    return skipped(name, "no lamp");
+        return plan_simulated(name, "a medium scatters the light of its surroundings");
+    return plan_skipped(name, "no lamp");
 }
 
 /* Light of later orders: from lamps, or from the surroundings. */
 static PlanEffect plan_later_order(const AmbScene *scene, const AmbRenderParams *params,
                                    const char *name, uint32_t order, uint32_t effect,
-                                   bool has_world) {
+                                   const Plan *plan) {
     if ((params->effects & effect) == 0)
-        return skipped(name, "switched off");
+        return plan_skipped(name, "switched off");
     if (params->scatter_order_max > 0 && params->scatter_order_max < order)
-        return skipped(name, "scatter_order_max set");
-    if (!has_scattering(scene))
-        return skipped(name, "no medium scatters");
-    if (!has_light(scene) && !has_world)
-        return skipped(name, "no light");
-    return simulated(name, "a medium scatters light");
+        return plan_skipped(name, "scatter_order_max set");
+    if (!scene_has_scattering(scene))
+        return plan_skipped(name, "no medium scatters");
+    if (!scene_has_lamp(scene) && !plan->effects[PLAN_WORLD_LIGHT].is_simulated)
+        return plan_skipped(name, "no light");
+    /* All later orders together have at most albedo / (1 - albedo) of the light of the first. */
+    const double albedo = (double)scene_albedo_max(scene);
+    if (plan->is_automatic && albedo < ALBEDO_PART * plan->share_min)
+        return plan_skipped(name, "every medium absorbs nearly all that it does not let through");
+    return plan_simulated(name, "a medium scatters light");
 }
 
 static PlanEffect plan_bounces(const AmbScene *scene, const char *name, uint32_t bounces,
-                               bool is_single_simulated) {
-    if (bounces == 0)
-        return skipped(name, "0 bounces set");
-    if (!is_single_simulated)
-        return skipped(name, "nothing scatters");
-    if (!has_refraction(scene))
-        return skipped(name, "no boundary reflects: every ior is 1");
-    return simulated(name, "bounces set and a boundary reflects");
+                               bool is_automatic, bool is_seen) {
+    if (bounces == 0 && !is_automatic)
+        return plan_skipped(name, "0 bounces set");
+    if (!is_seen)
+        return plan_skipped(name, "nothing scatters");
+    if (!scene_has_refraction(scene))
+        return plan_skipped(name, "no boundary reflects: every ior is 1");
+    PlanEffect effect = plan_simulated(name, "bounces set and a boundary reflects");
+    effect.count = bounces;
+    return effect;
 }
 
 static PlanEffect plan_surface(const AmbScene *scene, const AmbRenderParams *params) {
     const char *name = "surface reflection";
     if ((params->effects & AMB_EFFECT_SURFACE_REFLECTION) == 0)
-        return skipped(name, "switched off");
-    if (!has_refraction(scene))
-        return skipped(name, "no boundary reflects: every ior is 1");
-    return simulated(name, "a boundary reflects");
+        return plan_skipped(name, "switched off");
+    if (!scene_has_refraction(scene))
+        return plan_skipped(name, "no boundary reflects: every ior is 1");
+    return plan_simulated(name, "a boundary reflects");
 }
 
 static PlanEffect plan_background(const AmbScene *scene, const AmbRenderParams *params) {
     const char *name = "background through objects";
     if ((params->effects & AMB_EFFECT_BACKGROUND) == 0)
-        return skipped(name, "switched off");
-    if (!has_boundary(scene))
-        return skipped(name, "no translucent object");
-    return simulated(name, "a translucent object is there");
+        return plan_skipped(name, "switched off");
+    if (!scene_has_boundary(scene))
+        return plan_skipped(name, "no translucent object");
+    return plan_simulated(name, "a translucent object is there");
 }
 
-/* Whether the bounding sphere of a translucent object reaches where camera rays begin: within the
- * near plane's part of the view, or for an orthographic camera the window pushed to it. */
-static bool may_start_inside(const AmbScene *scene) {
-    const SceneCamera *camera = &scene->camera;
-    const float *w = camera->window;
-    const float x = fmaxf(fabsf(w[0]), fabsf(w[1])), y = fmaxf(fabsf(w[2]), fabsf(w[3]));
-    const float start = camera->clip_start;
-    float reach = camera->kind == AMB_CAMERA_ORTHOGRAPHIC ? sqrtf(x * x + y * y + start * start)
-                                                          : start * sqrtf(1.0f + x * x + y * y);
-    reach += camera->lens_radius;
-    for (uint32_t o = 0; o < scene->object_count; ++o) {
-        const SceneObject *object = &scene->objects[o];
-        const float distance = vec3_length(vec3_sub(object->center, camera->position));
-        if (object->is_boundary && !(distance > object->radius + reach))
-            return true;
-    }
-    return false;
-}
-
-/* What a few light rays tell before the render. */
-typedef struct LightProbe {
-    double flux; /* W, all channels, that media absorb or scatter of light that enters directly */
-    double flux_through; /* the same with light through other objects */
-    bool is_irregular;   /* one ray in a thousand or more found a mesh open or crossing itself */
-    bool is_nested;      /* as many found an object inside of another, or touching it */
-} LightProbe;
-
-enum { PROBE_RAYS = 8192, PROBE_IRREGULAR_MAX = PROBE_RAYS / 1000 };
-/* Light through other objects is left out where it adds less than this share. */
-static const double TRANSMITTED_SHARE_MIN = 2e-3;
-
-static AmbStatus probe_light(const AmbScene *scene, const AmbRenderParams *params, Job *job,
-                             LightProbe *out_probe) {
-    for (int follows_through = 0; follows_through < 2; ++follows_through) {
-        const LightTraceParams probe = {
-            .ray_count = PROBE_RAYS, .follows_through = follows_through == 1, .seed = params->seed};
-        LightField field;
-        AMB_TRY(light_trace(scene, &probe, job, &field));
-        const double *flux = field.tally.interacting;
-        *(follows_through ? &out_probe->flux_through : &out_probe->flux) =
-            flux[0] + flux[1] + flux[2];
-        out_probe->is_irregular = field.leak_count + field.irregular_count > PROBE_IRREGULAR_MAX;
-        out_probe->is_nested = field.nested_count > PROBE_IRREGULAR_MAX;
-        light_field_clear(&field);
-    }
-    return AMB_OK;
-}
-
-static PlanEffect plan_transmitted(const AmbRenderParams *params, bool is_single_simulated,
-                                   const LightProbe *probe) {
+static PlanEffect plan_transmitted(const AmbRenderParams *params, bool has_field) {
     const char *name = "light through other objects";
     if ((params->effects & AMB_EFFECT_TRANSMITTED_LIGHT) == 0)
-        return skipped(name, "switched off");
-    if (!is_single_simulated)
-        return skipped(name, "nothing scatters");
-    if (!(probe->flux_through - probe->flux > TRANSMITTED_SHARE_MIN * probe->flux_through))
-        return skipped(name, "adds less than 0.2 % of the light in media, by probe rays");
-    return simulated(name, "it adds to the light in media, by probe rays");
-}
-
-static bool is_opaque(const AmbScene *scene, const SceneObject *object, uint32_t slot) {
-    const uint32_t last = object->material_count - 1;
-    const uint32_t material = object->materials[slot < last ? slot : last];
-    return scene->materials[material].surface == AMB_SURFACE_DIFFUSE;
-}
-
-static bool has_opaque_surface(const AmbScene *scene) {
-    for (uint32_t o = 0; o < scene->object_count; ++o) {
-        const SceneObject *object = &scene->objects[o];
-        const SceneMesh *mesh = &scene->meshes[object->mesh];
-        const uint64_t looked_at = mesh->slots != NULL ? mesh->triangle_count : 1;
-        for (uint64_t i = 0; i < looked_at; ++i)
-            if (is_opaque(scene, object, mesh->slots != NULL ? mesh->slots[i] : 0))
-                return true;
-    }
-    return false;
-}
-
-static PlanEffect plan_light_on_surfaces(const AmbScene *scene, const AmbRenderParams *params) {
-    const char *name = "light through objects onto opaque surfaces";
-    if ((params->effects & AMB_EFFECT_CAUSTICS) == 0)
-        return skipped(name, "switched off");
-    if (!has_boundary(scene))
-        return skipped(name, "no translucent object");
-    if (!has_opaque_surface(scene))
-        return skipped(name, "no opaque surface");
-    if (!has_light(scene) && scene->world.is_black)
-        return skipped(name, "no lamp, and the world is black");
-    return simulated(name, "a translucent object is there and an opaque surface");
-}
-
-/* Caustics are left out where less than this share of the light that arrives at translucent objects
- * lands on opaque surfaces. */
-static const double CAUSTIC_SHARE_MIN = 2e-3;
-
-static AmbStatus plan_caustics(const AmbScene *scene, const AmbRenderParams *params, Job *job,
-                               bool is_lit_through, PlanEffect *out_effect) {
-    const char *name = "caustics on opaque surfaces";
-    if (!is_lit_through)
-        *out_effect = skipped(name, "no light through objects onto opaque surfaces");
-    else if (!has_light(scene))
-        *out_effect = skipped(name, "no lamp");
-    else if (!has_refraction(scene))
-        *out_effect = skipped(name, "no boundary refracts: every ior is 1");
-    else {
-        const LightTraceParams probe = {.ray_count = PROBE_RAYS,
-                                        .bounces = params->light_bounces,
-                                        .follows_through = true,
-                                        .lands = true,
-                                        .seed = params->seed};
-        LightField light;
-        AMB_TRY(light_trace(scene, &probe, job, &light));
-        const LightTally *tally = &light.tally;
-        const double landed = tally->landed[0] + tally->landed[1] + tally->landed[2];
-        const double incident = tally->incident[0] + tally->incident[1] + tally->incident[2];
-        light_field_clear(&light);
-        *out_effect = landed > CAUSTIC_SHARE_MIN * incident
-                          ? simulated(name, "light lands there, by probe rays")
-                          : skipped(name, "less than 0.2 % of the light at translucent objects "
-                                          "lands there, by probe rays");
-    }
-    return AMB_OK;
+        return plan_skipped(name, "switched off");
+    if (!has_field)
+        return plan_skipped(name, "nothing scatters");
+    return plan_simulated(name, "it adds to the light in media, by probe rays");
 }
 
 static PlanEffect plan_world(const AmbScene *scene, const AmbRenderParams *params) {
     const char *name = "light of the surroundings in media";
     if ((params->effects & AMB_EFFECT_WORLD_LIGHT) == 0)
-        return skipped(name, "switched off");
-    if (scene->world.is_black && !has_opaque_surface(scene))
-        return skipped(name, "the world is black and no surface is opaque");
-    if (!has_scattering(scene))
-        return skipped(name, "no medium scatters");
-    return simulated(name, "a medium scatters, and there are surroundings");
+        return plan_skipped(name, "switched off");
+    if (scene->world.is_black && !scene_has_opaque_surface(scene))
+        return plan_skipped(name, "the world is black and no surface is opaque");
+    if (!scene_has_scattering(scene))
+        return plan_skipped(name, "no medium scatters");
+    return plan_simulated(name, "a medium scatters, and there are surroundings");
 }
 
-/* What TUBES and SPECULAR cannot do: both refract each light at the mesh's own triangles. */
-typedef struct Obstacle {
-    const char *reason; /* one phrase, static storage; NULL: there is none */
-    const char *name;   /* of what stands in the way, "" for nothing in particular */
-} Obstacle;
-
-enum {
-    NESTING_PROBES = 64,
-    TUBE_BOUNCES_AUTO = 2 /* most internal reflections of the light for which AUTO takes tubes */
-};
-
-/* Every cell of a lamp is gathered by itself, and reflects by itself: AUTO leaves lamps to points
- * that come to more cells than this together, 0 .. TUBE_BOUNCES_AUTO reflections. */
-static const uint32_t AUTO_CELLS_MAX[TUBE_BOUNCES_AUTO + 1] = {16, 4, 1};
-
-/* Cells of a lamp with an extent, for the object that sees it largest; 0 for a point. */
-static uint32_t count_cells(const AmbScene *scene, const SceneLight *light) {
-    uint32_t most = 0;
-    for (uint32_t o = 0; o < scene->object_count; ++o)
-        if (scene->objects[o].is_boundary) {
-            const uint32_t cells = tube_source_cells(light, &scene->objects[o]);
-            most = cells > most ? cells : most;
-        }
-    return most * most;
+/* Whether the effects gather light of lamps in media. */
+static bool needs_field(const AmbScene *scene, const Plan *plan) {
+    const PlanEffect *effects = plan->effects;
+    return scene_has_lamp(scene) && (effects[PLAN_SINGLE_SCATTERING].is_simulated ||
+                                     effects[PLAN_DOUBLE_SCATTERING].is_simulated ||
+                                     effects[PLAN_MULTIPLE_SCATTERING].is_simulated);
 }
 
-static Obstacle light_obstacle(const AmbScene *scene, uint32_t estimator, uint32_t bounces) {
-    uint32_t cells = 0;
-    for (uint32_t l = 0; l < scene->light_count; ++l) {
-        const SceneLight *light = &scene->lights[l];
-        if (!(rgb_max(light->color) > 0.0f))
-            continue;
-        const bool has_extent =
-            light->kind == AMB_LIGHT_AREA || light->radius > 0.0f || light->angle > 0.0f;
-        if (estimator == AMB_ESTIMATOR_SPECULAR && has_extent)
-            return (Obstacle){"a lamp has an extent", light->name};
-        if (estimator == AMB_ESTIMATOR_AUTO && has_extent && bounces <= TUBE_BOUNCES_AUTO) {
-            cells += count_cells(scene, light);
-            if (cells > AUTO_CELLS_MAX[bounces])
-                return (Obstacle){"a lamp is large, seen from an object", light->name};
-        }
-        if (light->kind != AMB_LIGHT_SUN && scene_media_at(scene, light->position).count > 0)
-            return (Obstacle){"a lamp is inside a translucent object", light->name};
-    }
-    return (Obstacle){NULL, ""};
+/* What the switches allow and the scene's description does not rule out. */
+static void apply_rules(const AmbScene *scene, const AmbRenderParams *params, Plan *plan) {
+    PlanEffect *effects = plan->effects;
+    effects[PLAN_WORLD_LIGHT] = plan_world(scene, params);
+    effects[PLAN_SINGLE_SCATTERING] =
+        plan_single(scene, params, effects[PLAN_WORLD_LIGHT].is_simulated);
+    effects[PLAN_DOUBLE_SCATTERING] =
+        plan_later_order(scene, params, "double scattering", 2, AMB_EFFECT_DOUBLE_SCATTERING, plan);
+    effects[PLAN_MULTIPLE_SCATTERING] = plan_later_order(scene, params, "multiple scattering", 3,
+                                                         AMB_EFFECT_MULTIPLE_SCATTERING, plan);
+    plan->has_field = needs_field(scene, plan);
+    effects[PLAN_LIGHT_BOUNCES] =
+        plan_bounces(scene, "light-side internal reflection", params->light_bounces,
+                     plan->is_automatic, plan->has_field);
+    /* On the camera side they also show the background again, so a boundary is reason enough. */
+    effects[PLAN_CAMERA_BOUNCES] = plan_bounces(
+        scene, "camera-side internal reflection", params->camera_bounces, plan->is_automatic,
+        plan->has_field || (params->effects & AMB_EFFECT_BACKGROUND) != 0);
+    effects[PLAN_SURFACE_REFLECTION] = plan_surface(scene, params);
+    effects[PLAN_BACKGROUND] = plan_background(scene, params);
+    effects[PLAN_TRANSMITTED_LIGHT] = plan_transmitted(params, plan->has_field);
+    effects[PLAN_LIGHT_ON_SURFACES] = plan_light_on_surfaces(scene, params);
+    effects[PLAN_CAUSTICS] = plan_caustics(scene, params, plan);
 }
 
-static bool may_touch(const SceneObject *a, const SceneObject *b) {
-    return vec3_length(vec3_sub(a->center, b->center)) < a->radius + b->radius;
+static uint64_t clamp_count(double count, uint64_t least, uint64_t most) {
+    return count < (double)least ? least : count > (double)most ? most : (uint64_t)count;
 }
 
-/* Whether vertices of object o, some of them, are inside of another one. */
-static bool is_nested(const AmbScene *scene, uint32_t o) {
-    const SceneObject *object = &scene->objects[o];
-    bool may_be = false;
-    for (uint32_t other = 0; other < scene->object_count; ++other)
-        may_be = may_be || (other != o && scene->objects[other].is_boundary &&
-                            may_touch(object, &scene->objects[other]));
-    const SceneMesh *mesh = &scene->meshes[object->mesh];
-    if (!may_be || mesh->triangle_count == 0)
-        return false;
-    for (uint64_t i = 0; i < NESTING_PROBES; ++i) {
-        const uint64_t triangle = i * mesh->triangle_count / NESTING_PROBES;
-        const MediumStack media =
-            scene_media_at(scene, object->positions[mesh->triangles[3 * triangle]]);
-        for (uint32_t k = 0; k < media.count; ++k)
-            if (media.objects[k] != o)
-                return true;
-    }
-    return false;
+/* Camera samples of the whole render, about. */
+static double expected_samples(const AmbRenderParams *params, const PlanCrop *crop) {
+    return (double)crop->width * crop->height *
+           (params->accuracy > 0.0f ? SAMPLES_OF_TARGET : params->samples);
 }
 
-static Obstacle triangles_obstacle(const AmbScene *scene, uint32_t estimator, uint32_t bounces) {
-    if (estimator == AMB_ESTIMATOR_SPECULAR && bounces > 0)
-        return (Obstacle){"light_bounces is not 0", ""};
-    const Obstacle obstacle = light_obstacle(scene, estimator, bounces);
-    if (obstacle.reason != NULL)
-        return obstacle;
-    for (uint32_t o = 0; o < scene->object_count; ++o)
-        if (scene->objects[o].is_boundary && is_nested(scene, o))
-            return (Obstacle){"translucent objects are inside one another", scene->objects[o].name};
-    return (Obstacle){NULL, ""};
+static const struct {
+    uint32_t effect, bit;
+} ON_CAMERA[] = {{PLAN_SINGLE_SCATTERING, AMB_EFFECT_SINGLE_SCATTERING},
+                 {PLAN_DOUBLE_SCATTERING, AMB_EFFECT_DOUBLE_SCATTERING},
+                 {PLAN_MULTIPLE_SCATTERING, AMB_EFFECT_MULTIPLE_SCATTERING},
+                 {PLAN_WORLD_LIGHT, AMB_EFFECT_WORLD_LIGHT},
+                 {PLAN_SURFACE_REFLECTION, AMB_EFFECT_SURFACE_REFLECTION},
+                 {PLAN_BACKGROUND, AMB_EFFECT_BACKGROUND}};
+
+/* AMB_EFFECT_* of the effects that are to be simulated and that the camera's paths need to know. */
+static uint32_t camera_effects(const Plan *plan) {
+    uint32_t bits = 0;
+    for (size_t i = 0; i < sizeof ON_CAMERA / sizeof ON_CAMERA[0]; ++i)
+        if (plan->effects[ON_CAMERA[i].effect].is_simulated)
+            bits |= ON_CAMERA[i].bit;
+    return bits;
 }
 
-/* Resolves AUTO, and refuses what was asked for by name and cannot be. */
-static AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *params,
-                                const LightProbe *probe, Plan *plan) {
-    plan->estimator = params->estimator;
-    plan->estimator_reason = "asked for";
-    if (!plan->has_field) {
-        if (plan->estimator == AMB_ESTIMATOR_AUTO)
-            plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
-        plan->estimator_reason = "nothing scatters";
-        return AMB_OK;
-    }
-    if (plan->estimator == AMB_ESTIMATOR_POINTS_FIXED ||
-        plan->estimator == AMB_ESTIMATOR_POINTS_COVARIANCE)
-        return AMB_OK;
-    const uint32_t bounces =
-        plan->effects[PLAN_LIGHT_BOUNCES].is_simulated ? params->light_bounces : 0;
-    const Obstacle obstacle = triangles_obstacle(scene, plan->estimator, bounces);
-    if (plan->estimator != AMB_ESTIMATOR_AUTO) {
-        PlanEffect *transmitted = &plan->effects[PLAN_TRANSMITTED_LIGHT];
-        if (transmitted->is_simulated)
-            *transmitted = skipped(transmitted->name, "its light ends where it leaves its object");
-        if (obstacle.reason == NULL)
-            return AMB_OK;
-        const bool is_named = obstacle.name[0] != '\0';
-        return status_fail(AMB_UNSUPPORTED, "estimator %s cannot render this: %s%s%.60s%s",
-                           plan_estimator_name(plan->estimator), obstacle.reason,
-                           is_named ? " (\"" : "", obstacle.name, is_named ? "\")" : "");
-    }
-    plan->estimator = AMB_ESTIMATOR_TUBES;
-    plan->estimator_reason = "lamps that are not large, outside of all objects";
-    if (obstacle.reason != NULL) {
-        plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
-        plan->estimator_reason = obstacle.reason;
-    } else if (probe->is_irregular) {
-        /* Tubes end at the first face that they meet; points know what they are inside of. */
-        plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
-        plan->estimator_reason = "a mesh is open or crosses itself";
-    } else if (probe->is_nested) {
-        plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
-        plan->estimator_reason = "translucent objects overlap or touch, by probe rays";
-    } else if (bounces > TUBE_BOUNCES_AUTO) {
-        plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
-        plan->estimator_reason = "light_bounces is more than 2: tubes would spread over everything";
-    } else if (plan->effects[PLAN_TRANSMITTED_LIGHT].is_simulated) {
-        plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
-        plan->estimator_reason = "light through other objects is simulated";
+/* Batches of probes until every share is known well enough. Without a decision that hangs on them
+ * one batch is enough. */
+static AmbStatus measure(const AmbScene *scene, const AmbRenderParams *params, const View *view,
+                         const LightProbe *light, uint64_t probes_max, Job *job,
+                         EffectShares *shares, const Plan *plan) {
+    const EffectProbe probe = {
+        .scene = scene,
+        .view = view,
+        .light = light,
+        .camera = {.width = params->width,
+                   .height = params->height,
+                   .effects = plan->is_automatic ? camera_effects(plan) : EFFECTS_ALL,
+                   .order_max = params->scatter_order_max,
+                   .shines_through = plan->effects[PLAN_LIGHT_ON_SURFACES].is_simulated,
+                   .job = job,
+                   .bounces = BOUNCE_STEPS[BOUNCE_STEP_COUNT - 1],
+                   .seed = params->seed ^ PROBE_SEED,
+                   .film_transparent = params->film_transparent != 0,
+                   .may_start_inside = scene_may_start_inside(scene),
+                   .replicas = 2}};
+    while (shares->probe_count < probes_max) {
+        AMB_TRY(effect_shares_measure(shares, &probe, PROBES_MIN, job));
+        if (!plan->is_automatic || decide_is_settled(shares, plan))
+            break;
     }
     return AMB_OK;
+}
+
+/* Nothing of the objects is seen: what makes them look as they do need not be. */
+static void skip_unseen(Plan *plan) {
+    for (uint32_t i = 0; i < PLAN_EFFECT_COUNT; ++i)
+        if (plan->effects[i].is_simulated)
+            plan->effects[i] =
+                plan_skipped(plan->effects[i].name, "no translucent object is in sight");
+}
+
+static AmbStatus decide_by_shares(const AmbScene *scene, const AmbRenderParams *params,
+                                  const PlanCrop *crop, const LightProbe *light, Job *job,
+                                  Plan *plan) {
+    const double samples = expected_samples(params, crop);
+    const ViewParams view_params = {
+        .x = crop->x,
+        .y = crop->y,
+        .width = crop->width,
+        .height = crop->height,
+        .full_width = params->width,
+        .full_height = params->height,
+        .ray_count = (uint32_t)clamp_count(samples / 4.0, PROBES_MIN, VIEW_RAYS_MAX),
+        .seed = params->seed};
+    View view;
+    AMB_TRY(view_create(scene, &view_params, job, &view));
+    EffectShares shares = {.probe_count = 0};
+    AmbStatus status = AMB_OK;
+    if (view.visible_count > 0) {
+        status = effect_shares_create(scene, &shares);
+        const uint64_t probes = clamp_count(samples / SAMPLES_PER_PROBE, PROBES_MIN, PROBES_MAX);
+        if (status == AMB_OK)
+            status = measure(scene, params, &view, light, probes, job, &shares, plan);
+        if (status == AMB_OK) {
+            decide_describe(&shares, plan);
+            if (plan->is_automatic)
+                decide(scene, &shares, decide_omitted_max((double)params->accuracy), plan);
+        }
+    } else if (plan->is_automatic) {
+        skip_unseen(plan);
+    }
+    effect_shares_clear(&shares);
+    view_clear(&view);
+    return status;
+}
+
+/* Light that is not traced is neither reflected nor passed on; light of the surroundings is seen
+ * in the orders alone. */
+static void skip_dependent(const AmbScene *scene, Plan *plan) {
+    static const uint32_t of_field[] = {PLAN_LIGHT_BOUNCES, PLAN_TRANSMITTED_LIGHT};
+    plan->has_field = needs_field(scene, plan);
+    for (uint32_t i = 0; i < sizeof of_field / sizeof of_field[0] && !plan->has_field; ++i) {
+        PlanEffect *effect = &plan->effects[of_field[i]];
+        if (effect->is_simulated) {
+            effect->is_simulated = false;
+            effect->count = 0;
+            effect->reason = "light that scatters is left out";
+        }
+    }
+}
+
+static AmbStatus settle_effects(const AmbScene *scene, const AmbRenderParams *params,
+                                const PlanCrop *crop, Job *job, Plan *plan,
+                                MeshProblems *out_problems) {
+    const double samples = expected_samples(params, crop);
+    /* Who decides alone is told the shares where that costs nothing to speak of. */
+    const bool is_measured =
+        scene_has_boundary(scene) &&
+        (plan->is_automatic || samples >= (double)(PROBES_MIN * SAMPLES_PER_PROBE));
+    LightProbe light = {.fields = {NULL}};
+    if (plan->has_field) {
+        const LightProbeParams probe = {
+            .ray_count = is_measured ? clamp_count(samples / SAMPLES_PER_LIGHT_RAY, LIGHT_RAYS_MIN,
+                                                   LIGHT_RAYS_MAX)
+                                     : LIGHT_RAYS_MAX,
+            .has_fields = is_measured,
+            .adjoint_normals = params->adjoint_normals != 0,
+            .seed = params->seed};
+        AMB_TRY(light_probe_create(scene, &probe, job, &light));
+    }
+    AmbStatus status = AMB_OK;
+    if (is_measured)
+        status = decide_by_shares(scene, params, crop, &light, job, plan);
+    PlanEffect *transmitted = &plan->effects[PLAN_TRANSMITTED_LIGHT];
+    if (transmitted->is_simulated && !(light.flux[LIGHT_CLASS_PASSED] > 0.0))
+        *transmitted = (PlanEffect){.name = transmitted->name,
+                                    .reason = "no light comes into media through other objects",
+                                    .share = transmitted->share};
+    *out_problems = light.problems;
+    light_probe_clear(&light);
+    return status;
 }
 
 void plan_set_light_samples(Plan *plan, uint64_t samples) {
@@ -404,7 +325,7 @@ void plan_set_light_samples(Plan *plan, uint64_t samples) {
 }
 
 bool plan_reduce_caustics(Plan *plan) {
-    if (plan->caustics.light.ray_count < 4 * LIGHT_RAYS_MIN)
+    if (plan->caustics.light.ray_count < 4 * CAUSTIC_RAYS_MIN)
         return false;
     plan->caustics.light.ray_count /= 4;
     return true;
@@ -423,83 +344,87 @@ bool plan_reduce_field(Plan *plan) {
     return true;
 }
 
-AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job *job,
-                      Plan *out_plan) {
-    Plan plan = {.estimator = params->estimator};
-    PlanEffect *effects = plan.effects;
-    effects[PLAN_WORLD_LIGHT] = plan_world(scene, params);
-    const bool has_world = effects[PLAN_WORLD_LIGHT].is_simulated;
-    effects[PLAN_SINGLE_SCATTERING] = plan_single(scene, params, has_world);
-    effects[PLAN_DOUBLE_SCATTERING] = plan_later_order(scene, params, "double scattering", 2,
-                                                       AMB_EFFECT_DOUBLE_SCATTERING, has_world);
-    effects[PLAN_MULTIPLE_SCATTERING] = plan_later_order(scene, params, "multiple scattering", 3,
-                                                         AMB_EFFECT_MULTIPLE_SCATTERING, has_world);
-    plan.has_field = has_light(scene) && (effects[PLAN_SINGLE_SCATTERING].is_simulated ||
-                                          effects[PLAN_DOUBLE_SCATTERING].is_simulated ||
-                                          effects[PLAN_MULTIPLE_SCATTERING].is_simulated);
-    effects[PLAN_LIGHT_BOUNCES] = plan_bounces(scene, "light-side internal reflection",
-                                               params->light_bounces, plan.has_field);
-    /* On the camera side they also show the background again, so a boundary is reason enough. */
-    effects[PLAN_CAMERA_BOUNCES] =
-        plan_bounces(scene, "camera-side internal reflection", params->camera_bounces,
-                     plan.has_field || (params->effects & AMB_EFFECT_BACKGROUND) != 0);
-    effects[PLAN_SURFACE_REFLECTION] = plan_surface(scene, params);
-    effects[PLAN_BACKGROUND] = plan_background(scene, params);
-    LightProbe probe = {.is_irregular = false};
-    if (plan.has_field)
-        AMB_TRY(probe_light(scene, params, job, &probe));
-    effects[PLAN_TRANSMITTED_LIGHT] = plan_transmitted(params, plan.has_field, &probe);
-    effects[PLAN_LIGHT_ON_SURFACES] = plan_light_on_surfaces(scene, params);
-    const bool is_lit_through = effects[PLAN_LIGHT_ON_SURFACES].is_simulated;
-    AMB_TRY(plan_caustics(scene, params, job, is_lit_through, &effects[PLAN_CAUSTICS]));
-    AMB_TRY(plan_estimator(scene, params, &probe, &plan));
+/* What the stages are told. */
+static void set_parameters(const AmbScene *scene, const AmbRenderParams *params, Plan *plan) {
+    const PlanEffect *effects = plan->effects;
+    const bool follows_through = effects[PLAN_TRANSMITTED_LIGHT].is_simulated;
+    plan->light =
+        (LightTraceParams){.bounces = effects[PLAN_LIGHT_BOUNCES].count,
+                           .follows_through = follows_through,
+                           /* Light through an object that is dark itself may matter in the next. */
+                           .targets = follows_through ? NULL : plan->targets,
+                           .adjoint_normals = params->adjoint_normals != 0,
+                           .seed = params->seed};
+    plan->field = (FieldParams){.estimator = plan->estimator,
+                                .kernel_size = params->kernel_size,
+                                .tube_refinement = params->tube_refinement,
+                                .light_bounces = plan->light.bounces,
+                                .targets = plan->targets,
+                                .adjoint_normals = params->adjoint_normals != 0};
+    plan_set_light_samples(plan, params->light_samples);
 
-    plan.light = (LightTraceParams){
-        .bounces = effects[PLAN_LIGHT_BOUNCES].is_simulated ? params->light_bounces : 0,
-        .follows_through = effects[PLAN_TRANSMITTED_LIGHT].is_simulated,
-        .adjoint_normals = params->adjoint_normals != 0,
-        .seed = params->seed};
-    plan.field = (FieldParams){.estimator = plan.estimator,
-                               .kernel_size = params->kernel_size,
-                               .tube_refinement = params->tube_refinement,
-                               .light_bounces = plan.light.bounces,
-                               .adjoint_normals = params->adjoint_normals != 0};
+    plan->camera = (CameraParams){.width = params->width,
+                                  .height = params->height,
+                                  .effects = camera_effects(plan),
+                                  .bounces = effects[PLAN_CAMERA_BOUNCES].count,
+                                  .order_max = params->scatter_order_max,
+                                  .shines_through = effects[PLAN_LIGHT_ON_SURFACES].is_simulated,
+                                  .seed = params->seed,
+                                  .film_transparent = params->film_transparent != 0,
+                                  .may_start_inside = scene_may_start_inside(scene),
+                                  .replicas = params->accuracy > 0.0f ? 2 : 1};
+}
 
-    plan_set_light_samples(&plan, params->light_samples);
-    if (effects[PLAN_CAUSTICS].is_simulated)
-        plan.caustics = (CausticParams){
-            .light = {.ray_count = params->light_samples / SAMPLES_PER_CAUSTIC_RAY + 1,
-                      .bounces = params->light_bounces,
-                      .follows_through = true,
-                      .adjoint_normals = params->adjoint_normals != 0,
-                      .lands = true,
-                      .seed = params->seed},
-            .overlap = CAUSTIC_OVERLAP * params->kernel_size};
-    plan_scatter(scene, params, &plan);
+/* What was decided for the whole picture, for each object. */
+static void describe_objects(const AmbScene *scene, Plan *plan) {
+    for (uint32_t o = 0; o < plan->object_count; ++o)
+        for (uint32_t e = 0; e < PLAN_EFFECT_COUNT; ++e) {
+            const bool needs_light = e == PLAN_SINGLE_SCATTERING || e == PLAN_LIGHT_BOUNCES ||
+                                     e == PLAN_TRANSMITTED_LIGHT;
+            plan->objects[(uint64_t)o * PLAN_EFFECT_COUNT + e].is_simulated =
+                plan->effects[e].is_simulated && scene->objects[o].is_boundary &&
+                (!needs_light || (plan->targets[o] && scene_object_scatters(scene, o)));
+        }
+}
 
-    static const struct {
-        uint32_t effect, bit;
-    } on_camera[] = {{PLAN_SINGLE_SCATTERING, AMB_EFFECT_SINGLE_SCATTERING},
-                     {PLAN_DOUBLE_SCATTERING, AMB_EFFECT_DOUBLE_SCATTERING},
-                     {PLAN_MULTIPLE_SCATTERING, AMB_EFFECT_MULTIPLE_SCATTERING},
-                     {PLAN_WORLD_LIGHT, AMB_EFFECT_WORLD_LIGHT},
-                     {PLAN_SURFACE_REFLECTION, AMB_EFFECT_SURFACE_REFLECTION},
-                     {PLAN_BACKGROUND, AMB_EFFECT_BACKGROUND}};
-    uint32_t camera_effects = 0;
-    for (size_t i = 0; i < sizeof on_camera / sizeof on_camera[0]; ++i)
-        if (effects[on_camera[i].effect].is_simulated)
-            camera_effects |= on_camera[i].bit;
-    plan.camera = (CameraParams){
-        .width = params->width,
-        .height = params->height,
-        .effects = camera_effects,
-        .bounces = effects[PLAN_CAMERA_BOUNCES].is_simulated ? params->camera_bounces : 0,
-        .order_max = params->scatter_order_max,
-        .seed = params->seed,
-        .shines_through = is_lit_through,
-        .film_transparent = params->film_transparent != 0,
-        .may_start_inside = may_start_inside(scene),
-        .replicas = params->accuracy > 0.0f ? 2 : 1};
-    *out_plan = plan;
-    return AMB_OK;
+AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, const PlanCrop *crop,
+                      Job *job, Plan *out_plan) {
+    Plan plan = {.estimator = params->estimator,
+                 .object_count = scene->object_count,
+                 .is_automatic = params->effects_are_auto != 0,
+                 .share_min = decide_share_min((double)params->accuracy)};
+    plan.objects =
+        memory_zero_array((uint64_t)plan.object_count * PLAN_EFFECT_COUNT, sizeof *plan.objects);
+    plan.targets = memory_alloc_array(plan.object_count, sizeof *plan.targets);
+    AmbStatus status = AMB_OK;
+    if (plan.objects == NULL || plan.targets == NULL)
+        status = status_fail(AMB_OUT_OF_MEMORY, "no memory to plan the render");
+    MeshProblems problems = {.is_irregular = false};
+    if (status == AMB_OK) {
+        for (uint32_t o = 0; o < plan.object_count; ++o)
+            plan.targets[o] = true;
+        apply_rules(scene, params, &plan);
+        status = settle_effects(scene, params, crop, job, &plan, &problems);
+    }
+    if (status == AMB_OK) {
+        skip_dependent(scene, &plan);
+        status = plan_measure_caustics(scene, params, job, &plan);
+    }
+    if (status == AMB_OK)
+        status = plan_estimator(scene, params, &problems, &plan);
+    if (status == AMB_OK) {
+        set_parameters(scene, params, &plan);
+        plan_scatter(scene, params, &plan);
+        describe_objects(scene, &plan);
+        *out_plan = plan;
+    } else {
+        plan_clear(&plan);
+    }
+    return status;
+}
+
+void plan_clear(Plan *plan) {
+    memory_free(plan->objects);
+    memory_free(plan->targets);
+    memset(plan, 0, sizeof *plan);
 }

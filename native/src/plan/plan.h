@@ -4,6 +4,7 @@
 #define AMB_PLAN_PLAN_H
 
 #include "camera/camera_path.h"
+#include "plan/share.h"
 
 enum {
     PLAN_SINGLE_SCATTERING,
@@ -24,11 +25,35 @@ typedef struct PlanEffect {
     const char *name;
     bool is_simulated;
     const char *reason; /* one phrase, static storage */
+    uint32_t count;     /* internal reflections that are followed; 0 for other effects */
+    Share share;        /* as predicted */
+    Share rest;         /* of what is left out: all of it, or reflections beyond count */
 } PlanEffect;
+
+static inline PlanEffect plan_simulated(const char *name, const char *reason) {
+    return (PlanEffect){.name = name, .is_simulated = true, .reason = reason};
+}
+
+static inline PlanEffect plan_skipped(const char *name, const char *reason) {
+    return (PlanEffect){.name = name, .reason = reason};
+}
+
+/* What an object adds to an effect. */
+typedef struct PlanObject {
+    bool is_simulated;
+    Share share;
+} PlanObject;
 
 typedef struct Plan {
     PlanEffect effects[PLAN_EFFECT_COUNT];
-    bool has_field;               /* an effect gathers light of lamps in media */
+    bool has_field;      /* an effect gathers light of lamps in media */
+    PlanObject *objects; /* by object and effect, object_count * PLAN_EFFECT_COUNT; owned */
+    bool *targets;       /* by object: light is traced to it; owned */
+    uint32_t object_count;
+    bool is_automatic;            /* shares decided */
+    uint64_t probe_count;         /* camera paths that measured them; 0: nothing was measured */
+    double share_min;             /* least share of an effect that is simulated */
+    double omitted;               /* shares of all that was left out for being less, together */
     uint32_t estimator;           /* resolved, not AUTO */
     const char *estimator_reason; /* one phrase, static storage */
     uint32_t scatter_estimator;   /* resolved, not AUTO; of no effect without later orders */
@@ -40,13 +65,25 @@ typedef struct Plan {
     CameraParams camera;
 } Plan;
 
+/* What probe rays of the light say of the meshes, each of one ray in a thousand or more. */
+typedef struct MeshProblems {
+    bool is_irregular; /* a mesh is open or crosses itself */
+    bool is_nested;    /* an object is inside of another, or touches it */
+} MeshProblems;
+
+/* The part of the picture that is rendered, of params->width x height. */
+typedef struct PlanCrop {
+    uint32_t x, y, width, height;
+} PlanCrop;
+
 /* AMB_UNSUPPORTED for estimators and effects that do not exist; the scene need not be built. */
 AmbStatus plan_check(const AmbRenderParams *params);
 
 /* The scene must be built. AMB_UNSUPPORTED where an estimator is asked for by name that cannot
  * render this scene. */
-AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, Job *job,
-                      Plan *out_plan);
+AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, const PlanCrop *crop,
+                      Job *job, Plan *out_plan);
+void plan_clear(Plan *plan);
 
 /* Another number of volume samples than the parameters say. */
 void plan_set_light_samples(Plan *plan, uint64_t samples);

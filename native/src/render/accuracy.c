@@ -34,7 +34,8 @@ static const double NOISE_OF_FIELD = 0.5;
 static const double FIXED_NOISE = 0.8;
 
 double accuracy_stated(const Accuracy *accuracy) {
-    return sqrt(accuracy->noise * accuracy->noise + accuracy->field * accuracy->field);
+    return sqrt(accuracy->noise * accuracy->noise + accuracy->field * accuracy->field +
+                accuracy->omitted * accuracy->omitted);
 }
 
 /* ---- Field ----------------------------------------------------------------------------------- */
@@ -105,7 +106,9 @@ static AmbStatus climb_until_fine(AmbRender *render, Ladder *ladder) {
     Accuracy *accuracy = &render->accuracy;
     const FieldPrior *prior = is_tubes(render) ? &TUBES_PRIOR : &POINTS_PRIOR;
     const uint32_t levels_min = is_tubes(render) ? TUBES_LEVELS_MIN : POINTS_LEVELS_MIN;
-    const double limit = FIELD_SHARE * (double)accuracy->target;
+    const double target = (double)accuracy->target;
+    const double limit =
+        FIELD_SHARE * sqrt(target * target - accuracy->omitted * accuracy->omitted);
     const FieldDifferences *differences = &accuracy->probe.differences;
     uint32_t top = 0;
     while (set_level(render, top, ladder->accounts[1].field_bytes)) {
@@ -499,8 +502,8 @@ static void count_samples(AmbRender *render) {
 
 /* Noise to aim at: what the field leaves of the target. */
 static double noise_target(const Accuracy *accuracy) {
-    const double room =
-        (double)accuracy->target * (double)accuracy->target - accuracy->field * accuracy->field;
+    const double room = (double)accuracy->target * (double)accuracy->target -
+                        accuracy->field * accuracy->field - accuracy->omitted * accuracy->omitted;
     const double least = NOISE_OF_FIELD * accuracy->field;
     return sqrt(fmax(room, least * least));
 }

@@ -2,12 +2,13 @@
  * A target error instead of budgets: picks the light field, and spends camera samples where the
  * picture needs them until it is reached.
  *
- *   stated^2 = noise^2 + field^2, in units of the mean radiance,
+ *   stated^2 = noise^2 + field^2 + omitted^2, in units of the mean radiance,
  *
  * over all channels of the pixels that show a translucent object (all pixels, if none does).
  * noise is what the two halves of the samples of the pixels differ by; field is what the light's
  * discretisation costs, by the differences of fields of several levels along the same camera
- * rays (field_error.h). Decisions depend on results alone, never on a clock or on threads. */
+ * rays (field_error.h); omitted are the shares of effects that the plan left out. Decisions depend
+ * on results alone, never on a clock or on threads. */
 #ifndef AMB_RENDER_ACCURACY_H
 #define AMB_RENDER_ACCURACY_H
 
@@ -20,6 +21,7 @@ typedef struct Accuracy {
     float target; /* 0: fixed budgets */
     bool has_noise, has_field;
     double noise, field; /* relative to the mean radiance */
+    double omitted;      /* the same, of effects that the plan left out */
     double radiance;     /* that mean */
     bool is_reached;
     const char *limit; /* what keeps the error above the target, one phrase; "" if nothing */

@@ -163,19 +163,25 @@ static void charge_stage(AmbRender *render, uint32_t stage, StageClock begin) {
     render->costs[stage].cpu += end.cpu - begin.cpu + end.helpers - begin.helpers;
 }
 
+static AmbStatus create_plan(AmbRender *render) {
+    const PlanCrop crop = {render->crop_x, render->crop_y, render->film.width, render->film.height};
+    return plan_create(render->scene, &render->params, &crop, &render->job, &render->plan);
+}
+
 static AmbStatus run_scene(AmbRender *render) {
     set_stage(render, STAGE_SCENE);
     const StageClock begin = clock_stage(render);
     const double process = clock_process_cpu();
     AmbStatus status = scene_build(render->scene, &render->job);
     if (status == AMB_OK)
-        status = plan_create(render->scene, &render->params, &render->job, &render->plan);
+        status = create_plan(render);
     charge_stage(render, STAGE_SCENE, begin);
     /* Embree builds on threads of its own: the process's clock sees them. */
     render->costs[STAGE_SCENE].cpu = clock_process_cpu() - process;
     if (status == AMB_OK) {
         render->plan.camera.job = &render->job;
         render->has_plan = true;
+        render->accuracy.omitted = render->plan.omitted;
         render->scene_bytes = scene_bytes(render->scene);
     }
     return status;
@@ -382,6 +388,7 @@ static void init_lock(AmbRender *render) {
 
 static void release(AmbRender *render) {
     probe_clear(&render->accuracy.probe);
+    plan_clear(&render->plan);
     film_clear(&render->film);
     pthread_cond_destroy(&render->ended_changed);
     pthread_mutex_destroy(&render->lock);

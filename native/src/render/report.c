@@ -27,13 +27,67 @@ static void add_rgb(Text *text, const char *name, const double v[3], const char 
     add(text, "\"%s\": [%.9g, %.9g, %.9g]%s", name, v[0], v[1], v[2], end);
 }
 
+/* A string of the user's, as the inside of a JSON string. */
+static void add_escaped(Text *text, const char *string) {
+    for (const unsigned char *c = (const unsigned char *)string; *c != 0; ++c) {
+        if (*c == '"' || *c == '\\' || *c < 0x20)
+            add(text, "\\u%04x", *c);
+        else
+            add(text, "%c", *c);
+    }
+}
+
+static void add_number(Text *text, const char *name, bool is_known, double value) {
+    if (is_known)
+        add(text, "\"%s\": %.9g, ", name, value);
+    else
+        add(text, "\"%s\": null, ", name);
+}
+
+static void add_share(Text *text, const char *name, const Share *share) {
+    if (share->is_known)
+        add(text, "\"%s\": {\"value\": %.4g, \"low\": %.4g, \"high\": %.4g}", name, share->value,
+            share->low, share->high);
+    else
+        add(text, "\"%s\": null", name);
+}
+
+static void add_effect_objects(Text *text, const AmbScene *scene, const Plan *plan, uint32_t e) {
+    add(text, "     \"objects\": [");
+    bool has_one = false;
+    for (uint32_t o = 0; o < plan->object_count; ++o) {
+        if (!scene->objects[o].is_boundary)
+            continue;
+        const PlanObject *object = &plan->objects[(uint64_t)o * PLAN_EFFECT_COUNT + e];
+        add(text, "%s\n      {\"name\": \"", has_one ? "," : "");
+        add_escaped(text, scene->objects[o].name);
+        add(text, "\", \"simulated\": %s, ", object->is_simulated ? "true" : "false");
+        add_share(text, "share", &object->share);
+        add(text, "}");
+        has_one = true;
+    }
+    add(text, "]}");
+}
+
 static void add_effects(Text *text, const AmbRender *render) {
+    const Plan *plan = &render->plan;
+    add(text,
+        "  \"plan\": {\"automatic\": %s, \"share_min\": %.9g, \"omitted\": %.4g, \"probes\": "
+        "%llu},\n",
+        plan->is_automatic ? "true" : "false", plan->share_min, plan->omitted,
+        (unsigned long long)plan->probe_count);
     add(text, "  \"effects\": [\n");
-    for (int i = 0; i < PLAN_EFFECT_COUNT; ++i) {
-        const PlanEffect *effect = &render->plan.effects[i];
-        add(text, "    {\"name\": \"%s\", \"simulated\": %s, \"reason\": \"%s\"}%s\n", effect->name,
-            effect->is_simulated ? "true" : "false", effect->reason,
-            i + 1 < PLAN_EFFECT_COUNT ? "," : "");
+    for (uint32_t i = 0; i < PLAN_EFFECT_COUNT; ++i) {
+        const PlanEffect *effect = &plan->effects[i];
+        add(text,
+            "    {\"name\": \"%s\", \"simulated\": %s, \"count\": %u, \"reason\": \"%s\",\n     ",
+            effect->name, effect->is_simulated ? "true" : "false", effect->count, effect->reason);
+        add_share(text, "share", &effect->share);
+        add(text, ", ");
+        add_share(text, "omitted", &effect->rest);
+        add(text, ",\n");
+        add_effect_objects(text, render->scene, plan, i);
+        add(text, "%s\n", i + 1 < PLAN_EFFECT_COUNT ? "," : "");
     }
     add(text, "  ],\n");
 }
@@ -93,23 +147,6 @@ static void add_scatter(Text *text, const AmbRender *render) {
     add_rgb(text, "flux_lost", scatter->tally.lost, "},\n");
 }
 
-/* A string of the user's, as the inside of a JSON string. */
-static void add_escaped(Text *text, const char *string) {
-    for (const unsigned char *c = (const unsigned char *)string; *c != 0; ++c) {
-        if (*c == '"' || *c == '\\' || *c < 0x20)
-            add(text, "\\u%04x", *c);
-        else
-            add(text, "%c", *c);
-    }
-}
-
-static void add_number(Text *text, const char *name, bool is_known, double value) {
-    if (is_known)
-        add(text, "\"%s\": %.9g, ", name, value);
-    else
-        add(text, "\"%s\": null, ", name);
-}
-
 /* Relative errors; null where nothing was measured. */
 static void add_accuracy(Text *text, const AmbRender *render) {
     const Accuracy *accuracy = &render->accuracy;
@@ -119,6 +156,7 @@ static void add_accuracy(Text *text, const AmbRender *render) {
     add_number(text, "stated", has_all, accuracy_stated(accuracy));
     add_number(text, "noise", accuracy->has_noise, accuracy->noise);
     add_number(text, "field", accuracy->has_field, accuracy->field);
+    add_number(text, "omitted", render->has_plan, accuracy->omitted);
     add_number(text, "field_ratio", accuracy->convergence > 0.0, accuracy->convergence);
     add(text, "\"reached\": %s, \"limit\": \"%s\", ",
         !is_target             ? "null"

@@ -1,0 +1,204 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * The shares of the effects in the picture. */
+#include "plan/effect_shares.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+
+/* Objects that one probe tells apart; the last one stands for all others. */
+enum { TOUCHED_MAX = 8, STEP_MAX = BOUNCE_STEP_COUNT - 1 };
+
+/* What one probe finds of one object, by its two samples. */
+typedef struct Touched {
+    uint32_t object;
+    Rgb halves[SHARE_COUNT][2];
+} Touched;
+
+typedef struct ProbeResult {
+    double weight;
+    Rgb radiance[2];
+    uint32_t touched_count;
+    Touched touched[TOUCHED_MAX];
+} ProbeResult;
+
+typedef struct Batch {
+    const EffectProbe *probe;
+    uint64_t first;
+    ProbeResult *results;
+    Job *job;
+} Batch;
+
+/* One sample of a probe on its way. */
+typedef struct Look {
+    const EffectProbe *probe;
+    ProbeResult *result;
+    uint32_t half;
+} Look;
+
+static Touched *touch(ProbeResult *result, uint32_t object) {
+    for (uint32_t i = 0; i < result->touched_count; ++i)
+        if (result->touched[i].object == object)
+            return &result->touched[i];
+    if (result->touched_count == TOUCHED_MAX)
+        return &result->touched[TOUCHED_MAX - 1];
+    Touched *touched = &result->touched[result->touched_count++];
+    memset(touched, 0, sizeof *touched);
+    touched->object = object;
+    return touched;
+}
+
+static void add(Touched *touched, uint32_t half, uint32_t share, Rgb radiance) {
+    Rgb *sum = &touched->halves[share][half];
+    *sum = rgb_add(*sum, radiance);
+}
+
+static void add_way(const Look *look, Touched *touched, const CameraWay *way, Rgb radiance) {
+    if ((way->effects & AMB_EFFECT_SURFACE_REFLECTION) != 0)
+        add(touched, look->half, SHARE_SURFACE_REFLECTION, radiance);
+    if ((way->effects & AMB_EFFECT_BACKGROUND) != 0)
+        add(touched, look->half, SHARE_BACKGROUND, radiance);
+    const uint32_t step = bounce_step(way->bounces);
+    if (step > 0)
+        add(touched, look->half, SHARE_CAMERA_BOUNCES + step - 1, radiance);
+    Rgb *sum = &look->result->radiance[look->half];
+    *sum = rgb_add(*sum, radiance);
+}
+
+static uint32_t order_share(uint32_t order) {
+    return order == 1 ? SHARE_SINGLE : order == 2 ? SHARE_DOUBLE : SHARE_MULTIPLE;
+}
+
+static void see_light(void *user, const CameraWay *way, uint32_t order, Rgb radiance) {
+    const Look *look = user;
+    if (!rgb_is_finite(radiance))
+        return;
+    if (way->object == UINT32_MAX) {
+        Rgb *sum = &look->result->radiance[look->half];
+        *sum = rgb_add(*sum, radiance);
+        return;
+    }
+    Touched *touched = touch(look->result, way->object);
+    if (order > 0) {
+        add(touched, look->half, order_share(order), radiance);
+        add(touched, look->half, SHARE_WORLD_LIGHT, radiance);
+    }
+    add_way(look, touched, way, radiance);
+}
+
+static void see_medium(void *user, const CameraWay *way, const FieldSegment *segment,
+                       uint32_t order, Rgb throughput) {
+    const Look *look = user;
+    Touched *touched = touch(look->result, segment->object);
+    for (uint32_t c = 0; c < LIGHT_CLASS_COUNT; ++c) {
+        const Field *field = look->probe->light->fields[c];
+        if (field == NULL)
+            continue;
+        const Rgb radiance = rgb_mul(throughput, field_gather(field, segment).radiance);
+        if (!rgb_is_finite(radiance))
+            continue;
+        add(touched, look->half, order_share(order + 1), radiance);
+        if (c == LIGHT_CLASS_PASSED)
+            add(touched, look->half, SHARE_TRANSMITTED, radiance);
+        else if (c > 0)
+            add(touched, look->half, SHARE_LIGHT_BOUNCES + c - 1, radiance);
+        add_way(look, touched, way, radiance);
+    }
+}
+
+/* From light of exactly one step to light of this step and all beyond. */
+static void sum_steps(Touched *touched, uint32_t first) {
+    for (uint32_t half = 0; half < 2; ++half)
+        for (uint32_t step = STEP_MAX - 1; step > 0; --step)
+            add(touched, half, first + step - 1, touched->halves[first + step][half]);
+}
+
+static AmbStatus run_probes(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    const Batch *batch = user;
+    const EffectProbe *probe = batch->probe;
+    for (uint64_t i = begin; i < end; ++i) {
+        if (job_is_cancelled(batch->job))
+            return AMB_CANCELLED;
+        ProbeResult *result = &batch->results[i];
+        const ViewProbe at = view_probe(probe->view, batch->first + i);
+        *result = (ProbeResult){.weight = at.weight};
+        for (uint32_t half = 0; half < 2; ++half) {
+            Look look = {.probe = probe, .result = result, .half = half};
+            const CameraObserver observer = {
+                .user = &look, .see_medium = see_medium, .see_light = see_light};
+            camera_observe(probe->scene, &observer, &probe->camera, at.pixel.x, at.pixel.y,
+                           (uint32_t)(2 * (batch->first + i) + half));
+        }
+        for (uint32_t t = 0; t < result->touched_count; ++t) {
+            sum_steps(&result->touched[t], SHARE_CAMERA_BOUNCES);
+            sum_steps(&result->touched[t], SHARE_LIGHT_BOUNCES);
+        }
+    }
+    return AMB_OK;
+}
+
+/* In the order of the probes, so that sums have the same bits for any number of threads. */
+static void add_result(EffectShares *shares, const ProbeResult *result) {
+    const double radiance =
+        0.5 * result->weight *
+        ((double)rgb_mean(result->radiance[0]) + (double)rgb_mean(result->radiance[1]));
+    shares->radiance_sum += radiance;
+    shares->radiance_square_sum += radiance * radiance;
+    for (uint32_t e = 0; e < SHARE_COUNT; ++e) {
+        Rgb all[2] = {{0, 0, 0}, {0, 0, 0}};
+        for (uint32_t t = 0; t < result->touched_count; ++t) {
+            const Touched *touched = &result->touched[t];
+            for (uint32_t half = 0; half < 2; ++half)
+                all[half] = rgb_add(all[half], touched->halves[e][half]);
+            share_add(&shares->objects[(uint64_t)touched->object * SHARE_COUNT + e], result->weight,
+                      touched->halves[e][0], touched->halves[e][1]);
+        }
+        share_add(&shares->image[e], result->weight, all[0], all[1]);
+    }
+    ++shares->probe_count;
+}
+
+AmbStatus effect_shares_create(const AmbScene *scene, EffectShares *out_shares) {
+    *out_shares = (EffectShares){.object_count = scene->object_count};
+    out_shares->objects =
+        memory_zero_array((uint64_t)scene->object_count * SHARE_COUNT, sizeof(ShareSum));
+    if (out_shares->objects == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory to plan the render");
+    return AMB_OK;
+}
+
+void effect_shares_clear(EffectShares *shares) {
+    memory_free(shares->objects);
+    memset(shares, 0, sizeof *shares);
+}
+
+AmbStatus effect_shares_measure(EffectShares *shares, const EffectProbe *probe, uint64_t count,
+                                Job *job) {
+    Batch batch = {.probe = probe, .first = shares->probe_count, .job = job};
+    batch.results = memory_alloc_array(count, sizeof *batch.results);
+    if (batch.results == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory to plan the render");
+    const AmbStatus status = parallel_for(job, count, 4, run_probes, &batch);
+    if (status == AMB_OK) {
+        for (uint64_t i = 0; i < count; ++i)
+            add_result(shares, &batch.results[i]);
+        const double n = (double)shares->probe_count;
+        const double mean = shares->radiance_sum / n;
+        const double variance = fmax(shares->radiance_square_sum / n - mean * mean, 0.0);
+        shares->radiance = mean;
+        shares->radiance_error = mean > 0.0 && n > 1.0 ? sqrt(variance / (n - 1.0)) / mean : 0.0;
+    }
+    memory_free(batch.results);
+    return status;
+}
+
+Share effect_share(const EffectShares *shares, uint32_t share) {
+    return share_estimate(&shares->image[share], shares->probe_count, shares->radiance,
+                          shares->radiance_error);
+}
+
+Share effect_share_of(const EffectShares *shares, uint32_t object, uint32_t share) {
+    return share_estimate(&shares->objects[(uint64_t)object * SHARE_COUNT + share],
+                          shares->probe_count, shares->radiance, shares->radiance_error);
+}

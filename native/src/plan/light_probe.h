@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * A few light rays before the render, and coarse light fields of them, one for each kind of light:
+ * reflected inside so many times, or come through another object. */
+#ifndef AMB_PLAN_LIGHT_PROBE_H
+#define AMB_PLAN_LIGHT_PROBE_H
+
+#include "field/field.h"
+#include "plan/plan.h"
+
+/* Numbers of internal reflections among which the planner chooses. */
+enum { BOUNCE_STEP_COUNT = 9 };
+extern const uint32_t BOUNCE_STEPS[BOUNCE_STEP_COUNT]; /* 0, 1, .. 16 */
+
+/* Index of the smallest step that follows so many reflections; the last one for more. */
+uint32_t bounce_step(uint32_t bounces);
+
+/* By bounce_step, and light that has passed an object. */
+enum { LIGHT_CLASS_PASSED = BOUNCE_STEP_COUNT, LIGHT_CLASS_COUNT };
+
+typedef struct LightProbe {
+    double flux[LIGHT_CLASS_COUNT]; /* W, all channels, that enters media and interacts there */
+    MeshProblems problems;
+    Field *fields[LIGHT_CLASS_COUNT]; /* NULL: no light of this kind, or not asked for */
+} LightProbe;
+
+typedef struct LightProbeParams {
+    uint64_t ray_count;
+    bool has_fields; /* else the flux alone, without reflections */
+    bool adjoint_normals;
+    uint32_t seed;
+} LightProbeParams;
+
+AmbStatus light_probe_create(const AmbScene *scene, const LightProbeParams *params, Job *job,
+                             LightProbe *out_probe);
+void light_probe_clear(LightProbe *probe);
+
+#endif

@@ -1,0 +1,102 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Light that comes to opaque surfaces by way of translucent objects. */
+#include "plan/plan_caustics.h"
+
+#include "plan/light_probe.h"
+#include "plan/scene_rules.h"
+
+/* Light rays for caustics, in volume samples: a map of a million samples' rays is finer than a
+ * pixel of most pictures. */
+static const uint64_t SAMPLES_PER_CAUSTIC_RAY = 4;
+/* Kernels that overlap a point, by tests/bench/bench_caustics.py. */
+static const float CAUSTIC_OVERLAP = 4.0f;
+/* Caustics are left out where less than this share of the light that arrives at translucent objects
+ * lands on opaque surfaces, and so are reflections inside. */
+static const double CAUSTIC_SHARE_MIN = 2e-3;
+enum { PROBE_RAYS = 8192 };
+
+PlanEffect plan_light_on_surfaces(const AmbScene *scene, const AmbRenderParams *params) {
+    const char *name = "light through objects onto opaque surfaces";
+    if ((params->effects & AMB_EFFECT_CAUSTICS) == 0)
+        return plan_skipped(name, "switched off");
+    if (!scene_has_boundary(scene))
+        return plan_skipped(name, "no translucent object");
+    if (!scene_has_opaque_surface(scene))
+        return plan_skipped(name, "no opaque surface");
+    if (!scene_has_lamp(scene) && scene->world.is_black)
+        return plan_skipped(name, "no lamp, and the world is black");
+    return plan_simulated(name, "a translucent object is there and an opaque surface");
+}
+
+PlanEffect plan_caustics(const AmbScene *scene, const AmbRenderParams *params, const Plan *plan) {
+    const char *name = "caustics on opaque surfaces";
+    if (!plan->effects[PLAN_LIGHT_ON_SURFACES].is_simulated)
+        return plan_skipped(name, "no light through objects onto opaque surfaces");
+    if (!scene_has_lamp(scene))
+        return plan_skipped(name, "no lamp");
+    if (!scene_has_refraction(scene))
+        return plan_skipped(name, "no boundary refracts: every ior is 1");
+    PlanEffect effect = plan_simulated(name, "light lands there, by probe rays");
+    effect.count = params->light_bounces;
+    return effect;
+}
+
+/* Watts that land with so many reflections, and that arrive at translucent objects. */
+static AmbStatus probe_landing(const AmbScene *scene, const AmbRenderParams *params,
+                               uint32_t bounces, Job *job, double *out_landed,
+                               double *out_incident) {
+    const LightTraceParams probe = {.ray_count = PROBE_RAYS,
+                                    .bounces = bounces,
+                                    .follows_through = true,
+                                    .lands = true,
+                                    .seed = params->seed};
+    LightField light;
+    AMB_TRY(light_trace(scene, &probe, job, &light));
+    const LightTally *tally = &light.tally;
+    *out_landed = tally->landed[0] + tally->landed[1] + tally->landed[2];
+    *out_incident = tally->incident[0] + tally->incident[1] + tally->incident[2];
+    light_field_clear(&light);
+    return AMB_OK;
+}
+
+/* The fewest reflections that land all but so little of the light. */
+static AmbStatus choose_bounces(const AmbScene *scene, const AmbRenderParams *params, Job *job,
+                                PlanEffect *effect) {
+    double all, incident, landed = 0.0;
+    const uint32_t most = BOUNCE_STEPS[BOUNCE_STEP_COUNT - 1];
+    AMB_TRY(probe_landing(scene, params, most, job, &all, &incident));
+    effect->count = most;
+    for (uint32_t i = 0; i + 1 < BOUNCE_STEP_COUNT; ++i) {
+        AMB_TRY(probe_landing(scene, params, BOUNCE_STEPS[i], job, &landed, &incident));
+        if (all - landed <= CAUSTIC_SHARE_MIN * incident) {
+            effect->count = BOUNCE_STEPS[i];
+            break;
+        }
+    }
+    return AMB_OK;
+}
+
+AmbStatus plan_measure_caustics(const AmbScene *scene, const AmbRenderParams *params, Job *job,
+                                Plan *plan) {
+    PlanEffect *effect = &plan->effects[PLAN_CAUSTICS];
+    if (!effect->is_simulated)
+        return AMB_OK;
+    if (plan->is_automatic)
+        AMB_TRY(choose_bounces(scene, params, job, effect));
+    double landed, incident;
+    AMB_TRY(probe_landing(scene, params, effect->count, job, &landed, &incident));
+    if (!(landed > CAUSTIC_SHARE_MIN * incident)) {
+        *effect = plan_skipped(effect->name, "less than 0.2 % of the light at translucent objects "
+                                             "lands there, by probe rays");
+        return AMB_OK;
+    }
+    plan->caustics =
+        (CausticParams){.light = {.ray_count = params->light_samples / SAMPLES_PER_CAUSTIC_RAY + 1,
+                                  .bounces = effect->count,
+                                  .follows_through = true,
+                                  .adjoint_normals = params->adjoint_normals != 0,
+                                  .lands = true,
+                                  .seed = params->seed},
+                        .overlap = CAUSTIC_OVERLAP * params->kernel_size};
+    return AMB_OK;
+}
