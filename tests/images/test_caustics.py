@@ -67,7 +67,7 @@ def test_a_pane_takes_its_reflections_from_the_sun(tilt: float, bounces: int) ->
     expected = 3.0 * np.cos(tilt) * (1 - reflected) ** 2 * once * series
     measured = irradiance(build, light_bounces=bounces)
     assert measured.mean(axis=(0, 1)) == pytest.approx(expected, rel=2e-3)
-    assert measured.std(axis=(0, 1)) / expected == pytest.approx(0.0, abs=0.02)
+    assert measured.std(axis=(0, 1)) / expected == pytest.approx(0.0, abs=0.03)
 
 
 def sphere_paths(b: np.ndarray, centre: float, n: float, bounces: int) -> list[Any]:

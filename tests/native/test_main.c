@@ -46,7 +46,8 @@ void test_run(const char *name, void (*function)(void)) {
     X(api)                                                                                         \
     X(bad_input)                                                                                   \
     X(base)                                                                                        \
-    X(boundary) X(covariance) X(faults) X(gather) X(hard) X(optics) X(scatter) X(scene)            \
+    X(boundary)                                                                                    \
+    X(caustics) X(covariance) X(faults) X(gather) X(hard) X(optics) X(scatter) X(scene)            \
         X(specular) X(tangent) X(tubes)
 
 #define DECLARE(name) void test_##name(void);

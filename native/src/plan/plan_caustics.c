@@ -5,11 +5,13 @@
 #include "plan/light_probe.h"
 #include "plan/scene_rules.h"
 
-/* Light rays for caustics, in volume samples: a map of a million samples' rays is finer than a
- * pixel of most pictures. */
+/* One light ray for caustics for so many volume samples: for a million of them a map is finer than
+ * most pictures' pixels. */
 static const uint64_t SAMPLES_PER_CAUSTIC_RAY = 4;
-/* Kernels that overlap a point, by tests/bench/bench_caustics.py. */
-static const float CAUSTIC_OVERLAP = 4.0f;
+/* Photons that overlap a point of a surface, in units of kernel_size: fewer leave the pattern of
+ * the light rays where light is even, more blur where it is focused
+ * (tests/bench/bench_caustics.py). */
+static const float CAUSTIC_OVERLAP = 2.0f;
 /* Caustics are left out where less than this share of the light that arrives at translucent objects
  * lands on opaque surfaces, and so are reflections inside. */
 static const double CAUSTIC_SHARE_MIN = 2e-3;
@@ -85,7 +87,7 @@ AmbStatus plan_measure_caustics(const AmbScene *scene, const AmbRenderParams *pa
         AMB_TRY(choose_bounces(scene, params, job, effect));
     double landed, incident;
     AMB_TRY(probe_landing(scene, params, effect->count, job, &landed, &incident));
-    if (!(landed > CAUSTIC_SHARE_MIN * incident)) {
+    if (!(landed > (plan->is_automatic ? CAUSTIC_SHARE_MIN * incident : 0.0))) {
         *effect = plan_skipped(effect->name, "less than 0.2 % of the light at translucent objects "
                                              "lands there, by probe rays");
         return AMB_OK;

@@ -9,19 +9,18 @@
 
 enum { GRAIN = 4096 };
 
-/* A kernel is at most so many times longer than wide: behind a fold neighbouring rays land on a
- * line, and a kernel as thin as that would be a gap in the sum between its neighbours. */
-static const float ECCENTRICITY_MAX = 8.0f;
-/* Longest half-axis in units of that of the typical kernel: where light grazes or spreads it
- * carries little, and need not be smooth. */
+/* A kernel is at most so many times longer than wide, and its half-axes between these multiples of
+ * the typical kernel's. Where light folds over itself neighbouring rays land on a line, and the
+ * thinner a kernel may be there the sharper is the fold; where light grazes it carries little, and
+ * need not be smooth. By tests/bench/bench_caustics.py. */
+static const float ECCENTRICITY_MAX = 128.0f;
+static const float AXIS_MIN = 0.005f;
 static const float AXIS_MAX = 8.0f;
-/* Shortest, the same: at a focus. */
-static const float AXIS_MIN = 0.05f;
 /* A source with an extent is sampled by one point for each ray, so that cells of the lattice land
  * apart by chance. Its image blurs the light in any case: a kernel as wide as part of it adds this
  * share of its variance, and takes in more photons, but never so many that they take long. */
 static const float SOURCE_VARIANCE = 0.1f;
-static const float SOURCE_OVERLAP_MAX = 48.0f;
+static const float SOURCE_OVERLAP_MAX = 200.0f;
 
 struct CausticMap {
     CausticTree tree; /* no photons: empty */

@@ -1,0 +1,220 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Caustic photons: their tree against a plain sum, their flux against the integral of the
+ * irradiance, the same bits for any number of threads, and failures on the way. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "field/caustics/caustic_tree.h"
+#include "field/caustics/caustics.h"
+#include "shapes.h"
+#include "test.h"
+
+static const double PI = 3.14159265358979323846;
+
+static float uniform(uint64_t *state, double from, double to) {
+    return (float)test_uniform(state, from, to);
+}
+
+/* ---- The tree -------------------------------------------------------------------------------- */
+
+static CausticPhoton random_photon(uint64_t *state) {
+    const Sample2 turn = {uniform(state, 0, 1), uniform(state, 0, 1)};
+    CausticPhoton photon = {.p = vec3(uniform(state, -1, 1), uniform(state, -1, 1), 0)};
+    photon.n = sample_cap(turn, 0.3f);
+    Vec3 x, y;
+    vec3_frame(photon.n, &x, &y);
+    photon.u = vec3_scale(x, 1.0f / uniform(state, 0.01, 0.3));
+    photon.v = vec3_scale(y, 1.0f / uniform(state, 0.01, 0.3));
+    photon.peak = rgb(uniform(state, 0, 1), uniform(state, 0, 1), uniform(state, 0, 1));
+    return photon;
+}
+
+/* No tree, in double. */
+static double plain_sum(const CausticPhoton *photons, uint64_t count, Vec3 p, Vec3 n) {
+    double sum = 0.0;
+    for (uint64_t i = 0; i < count; ++i) {
+        const CausticPhoton *photon = &photons[i];
+        const Vec3 x = vec3_sub(p, photon->p);
+        const double a = (double)vec3_dot(x, photon->u), b = (double)vec3_dot(x, photon->v);
+        const double r2 = a * a + b * b;
+        const double axis = 1.0 / sqrt(fmin((double)vec3_dot(photon->u, photon->u),
+                                            (double)vec3_dot(photon->v, photon->v)));
+        if (r2 < 1.0 && (double)vec3_dot(n, photon->n) >= 0.5 &&
+            fabs((double)vec3_dot(x, photon->n)) <= 0.5 * axis)
+            sum += (double)photon->peak.g * (1.0 - r2);
+    }
+    return sum;
+}
+
+static void tree_is_a_sum(void) {
+    static const uint64_t COUNTS[] = {1, 7, 8, 9, 63, 1000, 4097};
+    for (size_t c = 0; c < sizeof COUNTS / sizeof COUNTS[0]; ++c) {
+        const uint64_t count = COUNTS[c];
+        uint64_t state = 11 + c;
+        CausticPhoton *photons = memory_alloc_array(count, sizeof *photons);
+        CausticPhoton *copy = memory_alloc_array(count, sizeof *copy);
+        for (uint64_t i = 0; i < count; ++i)
+            photons[i] = random_photon(&state);
+        /* Some at one place: their order must not matter to who ends where. */
+        for (uint64_t i = 1; i < count / 4; ++i)
+            photons[i].p = photons[0].p;
+        memcpy(copy, photons, count * sizeof *photons);
+        Job job;
+        job_init(&job, 2);
+        CausticTree tree;
+        ENSURE_STATUS(caustic_tree_build(photons, count, &job, &tree), AMB_OK);
+        double worst = 0.0, most = 0.0;
+        for (int i = 0; i < 300; ++i) {
+            const Vec3 p = vec3(uniform(&state, -1, 1), uniform(&state, -1, 1), 0);
+            const Vec3 n = vec3(0, 0, i % 7 == 0 ? -1.0f : 1.0f);
+            const double expected = plain_sum(copy, count, p, n);
+            const double found = (double)caustic_tree_irradiance(&tree, p, n).g;
+            worst = test_worse(worst, fabs(found - expected));
+            most = fmax(most, expected);
+        }
+        /* A photon whose plane is just as far as counts may fall on either side. */
+        ENSURE_NEAR(worst, 0.0, 2e-6 * (1.0 + most));
+        ENSURE(count < 1000 || most > 0.0);
+        caustic_tree_clear(&tree);
+        memory_free(copy);
+    }
+}
+
+/* ---- Scenes ---------------------------------------------------------------------------------- */
+
+/* A glass ball half a metre above a floor, in the sun. */
+static AmbScene *ball_on_floor(float angle) {
+    AmbScene *scene = NULL;
+    ENSURE_STATUS(amb_scene_create(&scene), AMB_OK);
+    const AmbMaterial glass = shape_resin(1.5f, 0.0f, 0.3f, 0.0f);
+    AmbMaterial grey;
+    amb_material_init(&grey);
+    uint32_t glass_id = 0, grey_id = 0;
+    ENSURE_STATUS(amb_scene_add_material(scene, &glass, &glass_id), AMB_OK);
+    ENSURE_STATUS(amb_scene_add_material(scene, &grey, &grey_id), AMB_OK);
+    Shape ball = shape_sphere(32, 64), plane = shape_plane();
+    const AmbMesh ball_mesh = shape_mesh(&ball, "ball", true);
+    const AmbMesh plane_mesh = shape_mesh(&plane, "floor", false);
+    shape_add(scene, &ball_mesh, glass_id, 1.0f, 0.1f, 0.2f, 1.5f);
+    shape_add(scene, &plane_mesh, grey_id, 20.0f, 0.0f, 0.0f, 0.0f);
+    shape_free(&ball);
+    shape_free(&plane);
+    AmbLight sun;
+    amb_light_init(&sun, AMB_LIGHT_SUN);
+    sun.direction[0] = 0.2f;
+    sun.direction[2] = -1.0f;
+    sun.color[0] = sun.color[1] = sun.color[2] = 1.0f;
+    sun.angle = angle;
+    uint32_t id = 0;
+    ENSURE_STATUS(amb_scene_add_light(scene, &sun, &id), AMB_OK);
+    AmbCamera camera;
+    amb_camera_init(&camera, AMB_CAMERA_PERSPECTIVE);
+    ENSURE_STATUS(amb_scene_set_camera(scene, &camera), AMB_OK);
+    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+    Job job;
+    job_init(&job, 1);
+    ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
+    return scene;
+}
+
+static CausticParams params(uint64_t rays) {
+    return (CausticParams){
+        .light = {.ray_count = rays, .bounces = 2, .follows_through = true, .lands = true},
+        .overlap = 8.0f};
+}
+
+static CausticMap *create(const AmbScene *scene, uint64_t rays, uint32_t threads) {
+    Job job;
+    job_init(&job, threads);
+    const CausticParams given = params(rays);
+    CausticMap *map = NULL;
+    ENSURE_STATUS(caustics_create(scene, &given, &job, &map), AMB_OK);
+    return map;
+}
+
+/* Integral over the square of the half edge b around the origin, less that of a, W. */
+static double integrate(const CausticMap *map, double a, double b) {
+    enum { EDGE = 800 };
+    double sum = 0.0;
+    for (int j = 0; j < EDGE; ++j)
+        for (int i = 0; i < EDGE; ++i) {
+            const double x = b * (2.0 * (i + 0.5) / EDGE - 1.0);
+            const double y = b * (2.0 * (j + 0.5) / EDGE - 1.0);
+            if (fabs(x) > a || fabs(y) > a)
+                sum +=
+                    (double)caustics_irradiance(map, vec3((float)x, (float)y, 0), vec3(0, 0, 1)).g;
+        }
+    return sum * 4.0 * b * b / ((double)EDGE * EDGE);
+}
+
+/* The kernels' integral is the flux that landed: nothing is lost or made between. */
+static void flux_is_kept(void) {
+    for (int soft = 0; soft < 2; ++soft) {
+        AmbScene *scene = ball_on_floor(soft ? 0.1f : 0.0f);
+        CausticMap *map = create(scene, 1 << 15, 2);
+        const CausticAccount account = caustics_account(map);
+        const double sum =
+            integrate(map, 0.0, 1.0) + integrate(map, 1.0, 4.0) + integrate(map, 4.0, 20.0);
+        ENSURE(account.photon_count > 1 << 15);
+        ENSURE_NEAR(sum / account.landed[1], 1.0, 2e-3);
+        /* Most of what falls on the ball, pi, less what it absorbs and reflects upwards. */
+        ENSURE(account.landed[1] > 0.5 * PI && account.landed[1] < PI);
+        ENSURE_NEAR(caustics_irradiance(map, vec3(0, 0, 0), vec3(0, 0, -1)).g, 0.0, 0.0);
+        caustics_destroy(map);
+        amb_scene_destroy(scene);
+    }
+}
+
+static void threads_do_not_matter(void) {
+    AmbScene *scene = ball_on_floor(0.05f);
+    CausticMap *one = create(scene, 20000, 1), *three = create(scene, 20000, 3);
+    const CausticAccount a = caustics_account(one), b = caustics_account(three);
+    ENSURE(memcmp(&a, &b, sizeof a) == 0);
+    bool is_same = true;
+    uint64_t state = 3;
+    for (int i = 0; i < 2000; ++i) {
+        const Vec3 p = vec3(uniform(&state, -2, 2), uniform(&state, -2, 2), 0.0f);
+        const Rgb x = caustics_irradiance(one, p, vec3(0, 0, 1));
+        const Rgb y = caustics_irradiance(three, p, vec3(0, 0, 1));
+        is_same = is_same && memcmp(&x, &y, sizeof x) == 0;
+    }
+    ENSURE(is_same);
+    caustics_destroy(one);
+    caustics_destroy(three);
+    amb_scene_destroy(scene);
+}
+
+static void failures_leave_nothing(void) {
+    AmbScene *scene = ball_on_floor(0.0f);
+    const CausticParams given = params(500);
+    CausticMap *map = NULL;
+    AmbStatus status = AMB_OUT_OF_MEMORY;
+    int failed = 0;
+    for (int n = 0; n < 1000 && status != AMB_OK; ++n) {
+        Job job;
+        job_init(&job, 1);
+        memory_fail_after(n);
+        status = caustics_create(scene, &given, &job, &map);
+        memory_fail_after(-1);
+        failed += status == AMB_OUT_OF_MEMORY;
+        ENSURE(status == AMB_OK || (status == AMB_OUT_OF_MEMORY && map == NULL));
+    }
+    ENSURE_STATUS(status, AMB_OK);
+    ENSURE(failed > 5);
+    caustics_destroy(map);
+    Job job;
+    job_init(&job, 1);
+    atomic_store(&job.cancelled, true);
+    ENSURE_STATUS(caustics_create(scene, &given, &job, &map), AMB_CANCELLED);
+    ENSURE(map == NULL);
+    amb_scene_destroy(scene);
+}
+
+void test_caustics(void);
+void test_caustics(void) {
+    RUN(tree_is_a_sum);
+    RUN(flux_is_kept);
+    RUN(threads_do_not_matter);
+    RUN(failures_leave_nothing);
+}
