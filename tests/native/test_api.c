@@ -58,6 +58,7 @@ static void library_says_what_it_is(void) {
     ENSURE(amb_struct_size(AMB_STRUCT_CAMERA) == sizeof(AmbCamera));
     ENSURE(amb_struct_size(AMB_STRUCT_RENDER_PARAMS) == sizeof(AmbRenderParams));
     ENSURE(amb_struct_size(AMB_STRUCT_PROGRESS) == sizeof(AmbProgress));
+    ENSURE(amb_struct_size(AMB_STRUCT_WORLD_IMAGE) == sizeof(AmbWorldImage));
     ENSURE(amb_struct_size(AMB_STRUCT_COUNT) == 0 && amb_struct_size(UINT32_MAX) == 0);
     ENSURE(strcmp(amb_status_name(AMB_OK), "OK") == 0);
     ENSURE(strcmp(amb_status_name(AMB_INTERNAL), "INTERNAL") == 0);
@@ -112,6 +113,7 @@ static void null_is_refused_or_harmless(void) {
     FAILS(amb_scene_add_light, (scene, &light, NULL), bad, "out_id");
     FAILS(amb_scene_set_world, (NULL, material.albedo), bad, "scene");
     FAILS(amb_scene_set_world, (scene, NULL), bad, "radiance");
+    FAILS(amb_scene_set_world_image, (scene, NULL), bad, "image");
     FAILS(amb_scene_set_camera, (NULL, &camera), bad, "scene");
     FAILS(amb_scene_set_camera, (scene, NULL), bad, "camera");
     FAILS(amb_scene_commit, (NULL), bad, "scene");
@@ -285,6 +287,27 @@ static void bad_lights_and_cameras_are_refused(void) {
 
     static const float negative[3] = {0, -1, 0};
     FAILS(amb_scene_set_world, (scene, negative), bad, "world");
+    AmbWorldImage image;
+    float pixels[2][3][3] = {{{0}}};
+#define IMAGE_FAILS(change, part)                                                                  \
+    do {                                                                                           \
+        amb_world_image_init(&image);                                                              \
+        image.width = 3;                                                                           \
+        image.height = 2;                                                                          \
+        image.radiance = &pixels[0][0][0];                                                         \
+        change;                                                                                    \
+        FAILS(amb_scene_set_world_image, (scene, &image), bad, part);                              \
+    } while (0)
+    IMAGE_FAILS(image.width = 0, "0 x 2 pixels");
+    IMAGE_FAILS(image.width = image.height = UINT32_MAX, "pixels");
+    IMAGE_FAILS(image.radiance = NULL, "radiance");
+    IMAGE_FAILS(image.to_world[4] = 2.0f, "orthogonal");
+    IMAGE_FAILS(image.to_world[1] = (float)NAN, "to_world");
+    IMAGE_FAILS(pixels[1][2][0] = -1.0f, "pixel (2, 1)");
+    IMAGE_FAILS(pixels[1][2][0] = (float)INFINITY, "pixel (2, 1)");
+    pixels[1][2][0] = 1.0f;
+    ENSURE_STATUS(amb_scene_set_world_image(scene, &image), AMB_OK);
+#undef IMAGE_FAILS
     AmbCamera c;
 #define CAMERA_FAILS(camera_kind, change, part)                                                    \
     do {                                                                                           \
@@ -357,6 +380,9 @@ static void bad_parameters_are_refused(void) {
     FAILS(amb_scene_add_object, (scene, &object, &id), state, "committed");
     FAILS(amb_scene_add_light, (scene, &demo.light, &id), state, "committed");
     FAILS(amb_scene_set_world, (scene, demo.world), state, "committed");
+    AmbWorldImage image;
+    amb_world_image_init(&image);
+    FAILS(amb_scene_set_world_image, (scene, &image), state, "committed");
     FAILS(amb_scene_set_camera, (scene, &demo.camera), state, "committed");
     FAILS(amb_scene_commit, (scene), state, "committed");
     amb_scene_destroy(scene);

@@ -47,8 +47,9 @@ void test_run(const char *name, void (*function)(void)) {
     X(bad_input)                                                                                   \
     X(base)                                                                                        \
     X(boundary)                                                                                    \
-    X(caustics) X(covariance) X(faults) X(gather) X(hard) X(optics) X(scatter) X(scene)            \
-        X(specular) X(tangent) X(tubes)
+    X(caustics)                                                                                    \
+    X(covariance) X(faults) X(gather) X(hard) X(optics) X(scatter) X(scene) X(specular) X(tangent) \
+        X(tubes) X(world)
 
 #define DECLARE(name) void test_##name(void);
 MODULE_LIST(DECLARE)

@@ -67,9 +67,9 @@ const char *amb_version_string(void) {
 
 uint64_t amb_struct_size(uint32_t struct_id) {
     static const uint64_t sizes[AMB_STRUCT_COUNT] = {
-        sizeof(AmbErrorInfo), sizeof(AmbPhaseLobe),    sizeof(AmbMaterial),
-        sizeof(AmbMesh),      sizeof(AmbObject),       sizeof(AmbLight),
-        sizeof(AmbCamera),    sizeof(AmbRenderParams), sizeof(AmbProgress)};
+        sizeof(AmbErrorInfo), sizeof(AmbPhaseLobe), sizeof(AmbMaterial), sizeof(AmbMesh),
+        sizeof(AmbObject),    sizeof(AmbLight),     sizeof(AmbCamera),   sizeof(AmbRenderParams),
+        sizeof(AmbProgress),  sizeof(AmbWorldImage)};
 #ifdef FAKE_STRUCT_SIZE
     if (struct_id == AMB_STRUCT_LIGHT)
         return FAKE_STRUCT_SIZE;
@@ -119,6 +119,7 @@ INIT(AmbMesh, amb_mesh_init)
 INIT(AmbObject, amb_object_init)
 INIT(AmbRenderParams, amb_render_params_init)
 INIT(AmbProgress, amb_progress_init)
+INIT(AmbWorldImage, amb_world_image_init)
 void amb_light_init(AmbLight *light, uint32_t kind) {
     memset(light, 0, sizeof *light);
     light->struct_size = (uint32_t)sizeof *light;
@@ -159,6 +160,12 @@ AmbStatus amb_scene_set_world(AmbScene *scene, const float radiance[3]) {
     (void)scene;
     (void)radiance;
     return AMB_OK;
+}
+AmbStatus amb_scene_set_world_image(AmbScene *scene, const AmbWorldImage *image) {
+    (void)scene;
+    return image->width > 0 && image->height > 0 && image->radiance != NULL
+               ? AMB_OK
+               : fail(AMB_INVALID_ARGUMENT, "amb_scene_set_world_image", "no pixels");
 }
 AmbStatus amb_scene_set_camera(AmbScene *scene, const AmbCamera *camera) {
     (void)camera;

@@ -59,7 +59,8 @@ AMB_STRUCT_LIGHT = 5
 AMB_STRUCT_CAMERA = 6
 AMB_STRUCT_RENDER_PARAMS = 7
 AMB_STRUCT_PROGRESS = 8
-AMB_STRUCT_COUNT = 9
+AMB_STRUCT_WORLD_IMAGE = 9
+AMB_STRUCT_COUNT = 10
 
 # ---- Scene ---------------------------------------------------------------------------------------
 
@@ -90,6 +91,8 @@ class AmbMaterial(Structure):
         ("sigma_a", c_float * 3),
         ("lobe_count", c_uint32),
         ("lobes", AmbPhaseLobe * AMB_PHASE_LOBE_MAX),
+        ("priority", c_int32),
+        ("reserved", c_uint32),
     ]
 
 
@@ -150,6 +153,16 @@ class AmbLight(Structure):
         ("size", c_float * 2),
         ("area_shape", c_uint32),
         ("reserved", c_uint32),
+    ]
+
+
+class AmbWorldImage(Structure):
+    _fields_ = [
+        ("struct_size", c_uint32),
+        ("width", c_uint32),
+        ("height", c_uint32),
+        ("to_world", c_float * 9),
+        ("radiance", POINTER(c_float)),
     ]
 
 
@@ -258,6 +271,7 @@ STRUCT_IDS: dict[int, type[Structure]] = {
     AMB_STRUCT_CAMERA: AmbCamera,
     AMB_STRUCT_RENDER_PARAMS: AmbRenderParams,
     AMB_STRUCT_PROGRESS: AmbProgress,
+    AMB_STRUCT_WORLD_IMAGE: AmbWorldImage,
 }
 
 # name: (restype, argtypes). AmbStatus as restype means: raise unless AMB_OK.
@@ -282,6 +296,8 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "amb_light_init": (None, (POINTER(AmbLight), c_uint32)),
     "amb_scene_add_light": (AmbStatus, (AmbScene, POINTER(AmbLight), POINTER(c_uint32))),
     "amb_scene_set_world": (AmbStatus, (AmbScene, POINTER(c_float))),
+    "amb_world_image_init": (None, (POINTER(AmbWorldImage),)),
+    "amb_scene_set_world_image": (AmbStatus, (AmbScene, POINTER(AmbWorldImage))),
     "amb_camera_init": (None, (POINTER(AmbCamera), c_uint32)),
     "amb_scene_set_camera": (AmbStatus, (AmbScene, POINTER(AmbCamera))),
     "amb_scene_commit": (AmbStatus, (AmbScene,)),

@@ -191,6 +191,20 @@ class Scene(_Handle):
         """radiance: RGB, W m^-2 sr^-1."""
         self._lib.amb_scene_set_world(self.pointer, (c_float * 3)(*map(float, radiance)))
 
+    def set_world_image(
+        self, radiance: NDArray[np.float32], to_world: Sequence[Sequence[float]]
+    ) -> None:
+        """radiance: (height, width, 3) float32, row 0 at the bottom; to_world: (3, 3), of the
+        image's axes. Copied by the library."""
+        np = import_numpy()
+        pixels = _array(np, radiance, np.float32, (None, None, 3), "radiance")
+        image = _ffi.AmbWorldImage()
+        self._lib.amb_world_image_init(byref(image))
+        image.height, image.width = pixels.shape[:2]
+        image.to_world[:] = [float(value) for row in to_world for value in row]
+        image.radiance = pixels.ctypes.data_as(POINTER(c_float))
+        self._lib.amb_scene_set_world_image(self.pointer, byref(image))
+
     def set_camera(self, kind: int, to_world: Sequence[Sequence[float]], **fields: Any) -> None:
         """to_world: (4, 4), row-major; `fields`: the other members of AmbCamera."""
         camera = _ffi.AmbCamera()

@@ -93,7 +93,8 @@ enum {
     AMB_STRUCT_CAMERA = 6,
     AMB_STRUCT_RENDER_PARAMS = 7,
     AMB_STRUCT_PROGRESS = 8,
-    AMB_STRUCT_COUNT = 9
+    AMB_STRUCT_WORLD_IMAGE = 9,
+    AMB_STRUCT_COUNT = 10
 };
 AMB_API uint64_t amb_struct_size(uint32_t struct_id); /* bytes; 0 for an unknown id */
 
@@ -138,9 +139,12 @@ typedef struct AmbMaterial {
     float sigma_a[3];        /* DIELECTRIC: absorption coefficient, 1/m, >= 0 */
     uint32_t lobe_count;     /* DIELECTRIC: 0 .. AMB_PHASE_LOBE_MAX */
     AmbPhaseLobe lobes[AMB_PHASE_LOBE_MAX];
+    int32_t priority; /* DIELECTRIC: where objects overlap the medium of the highest one holds, of
+                       * equal ones that of the object entered last */
+    uint32_t reserved;
 } AmbMaterial;
 
-/* Defaults: grey diffuse albedo 0.8, ior 1, white tints, no medium. */
+/* Defaults: grey diffuse albedo 0.8, ior 1, white tints, no medium, priority 0. */
 AMB_API void amb_material_init(AmbMaterial *material);
 /* *out_id counts from 0. */
 AMB_API AmbStatus amb_scene_add_material(AmbScene *scene, const AmbMaterial *material,
@@ -219,8 +223,23 @@ typedef struct AmbLight {
 AMB_API void amb_light_init(AmbLight *light, uint32_t kind);
 AMB_API AmbStatus amb_scene_add_light(AmbScene *scene, const AmbLight *light, uint32_t *out_id);
 
-/* Radiance of the surroundings, constant, seen by camera paths and lighting diffuse surfaces. */
+/* Radiance of the surroundings, constant; takes the place of an image. */
 AMB_API AmbStatus amb_scene_set_world(AmbScene *scene, const float radiance[3]);
+
+/* Radiance of the surroundings by direction, equirectangular. Row 0 is the bottom; the middle of
+ * the image is the image's +x, a quarter to its left +y, the top +z. Values are those in the
+ * pixels' middles, bilinear between them. What is small and far brighter than its surroundings
+ * lights the scene as sun lamps, which the report counts; camera paths see it in the image. */
+typedef struct AmbWorldImage {
+    uint32_t struct_size;
+    uint32_t width, height; /* pixels, >= 1; together < 2^32 */
+    float to_world[9];      /* row-major 3x3 of the image's axes; orthogonal */
+    const float *radiance;  /* (height, width, 3), W m^-2 sr^-1, >= 0, finite */
+} AmbWorldImage;
+
+AMB_API void amb_world_image_init(AmbWorldImage *image); /* identity rotation */
+/* Takes the place of the constant. */
+AMB_API AmbStatus amb_scene_set_world_image(AmbScene *scene, const AmbWorldImage *image);
 
 enum { AMB_CAMERA_PERSPECTIVE = 0, AMB_CAMERA_ORTHOGRAPHIC = 1 };
 

@@ -41,6 +41,7 @@ uint64_t amb_struct_size(uint32_t struct_id) {
         [AMB_STRUCT_CAMERA] = sizeof(AmbCamera),
         [AMB_STRUCT_RENDER_PARAMS] = sizeof(AmbRenderParams),
         [AMB_STRUCT_PROGRESS] = sizeof(AmbProgress),
+        [AMB_STRUCT_WORLD_IMAGE] = sizeof(AmbWorldImage),
     };
     return struct_id < AMB_STRUCT_COUNT ? sizes[struct_id] : 0;
 }

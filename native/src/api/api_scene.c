@@ -123,6 +123,7 @@ AmbStatus amb_scene_add_material(AmbScene *scene, const AmbMaterial *material, u
                         .transmit_color = rgb_from(m.transmit_color),
                         .reflect_color = rgb_from(m.reflect_color),
                         .ior = m.ior,
+                        .priority = m.priority,
                         .medium = make_medium(&m)};
     *out_id = scene->material_count++;
     return AMB_OK;
@@ -349,8 +350,55 @@ AmbStatus amb_scene_set_world(AmbScene *scene, const float radiance[3]) {
     AMB_TRY(check_open(scene));
     AMB_TRY(check_pointer(radiance, "radiance"));
     AMB_TRY(check_range(radiance, 3, 0.0f, FLT_MAX, "radiance", "world"));
+    world_clear(&scene->world);
     scene->world.constant = rgb_from(radiance);
     return AMB_OK;
+}
+
+void amb_world_image_init(AmbWorldImage *image) {
+    if (image != NULL)
+        *image =
+            (AmbWorldImage){.struct_size = sizeof *image, .to_world = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+}
+
+static AmbStatus check_world_image(const AmbWorldImage *image) {
+    const uint64_t pixels = (uint64_t)image->width * image->height;
+    if (pixels == 0 || pixels > UINT32_MAX)
+        return status_fail(AMB_INVALID_ARGUMENT, "the world's image has %u x %u pixels",
+                           image->width, image->height);
+    AMB_TRY(check_pointer(image->radiance, "world_image.radiance"));
+    AMB_TRY(check_range(image->to_world, 9, -FLT_MAX, FLT_MAX, "to_world", "world"));
+    for (int i = 0; i < 9; ++i) {
+        const float *a = image->to_world + 3 * (i / 3), *b = image->to_world + 3 * (i % 3);
+        const float product = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        if (!(fabsf(product - (i / 3 == i % 3 ? 1.0f : 0.0f)) < 1e-3f))
+            return status_fail(AMB_INVALID_ARGUMENT, "to_world of the world is not orthogonal");
+    }
+    for (uint64_t i = 0; i < 3 * pixels; ++i)
+        if (!(image->radiance[i] >= 0.0f) || !isfinite(image->radiance[i]))
+            return status_fail(AMB_INVALID_ARGUMENT,
+                               "pixel (%llu, %llu) of the world's image is negative or not finite",
+                               (unsigned long long)(i / 3 % image->width),
+                               (unsigned long long)(i / 3 / image->width));
+    return AMB_OK;
+}
+
+AmbStatus amb_scene_set_world_image(AmbScene *scene, const AmbWorldImage *image) {
+    status_enter("amb_scene_set_world_image");
+    AMB_TRY(check_open(scene));
+    AmbWorldImage given;
+    amb_world_image_init(&given);
+    AMB_TRY(check_struct(image, sizeof given, "image", &given));
+    AMB_TRY(check_world_image(&given));
+    Rgb *pixels =
+        memory_copy_array(given.radiance, (uint64_t)given.width * given.height, sizeof(Rgb));
+    if (pixels == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for the world's image");
+    const AmbStatus status =
+        world_set_image(&scene->world, pixels, given.width, given.height, given.to_world);
+    if (status != AMB_OK)
+        memory_free(pixels);
+    return status;
 }
 
 void amb_camera_init(AmbCamera *camera, uint32_t kind) {

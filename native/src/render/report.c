@@ -116,9 +116,9 @@ static void add_light(Text *text, const AmbRender *render) {
     const unsigned long long elements = render->account.light_sample_count;
     add(text,
         "  \"light\": {\"rays\": %llu, \"volume_samples\": %llu, \"tubes\": %llu, "
-        "\"lit_triangles\": %llu, ",
+        "\"lit_triangles\": %llu, \"world_suns\": %u, ",
         (unsigned long long)render->account.ray_count, is_tubes || is_specular ? 0 : elements,
-        is_tubes ? elements : 0, is_specular ? elements : 0);
+        is_tubes ? elements : 0, is_specular ? elements : 0, render->scene->world_lamp_count);
     add_rgb(text, "flux_incident", render->account.tally.incident, ", ");
     add_rgb(text, "flux_entered", render->account.tally.entered, ", ");
     add_rgb(text, "flux_interacting", render->account.tally.interacting, "},\n");

@@ -182,6 +182,13 @@ static AmbStatus add_world_lamp(AmbScene *scene, const WorldLamp *lamp) {
     return AMB_OK;
 }
 
+/* What light_from_world did. */
+static void return_lamps(AmbScene *scene) {
+    for (; scene->world_lamp_count > 0; --scene->world_lamp_count)
+        memory_free(scene->lights[--scene->light_count].name);
+    world_return_lamps(&scene->world);
+}
+
 /* Suns in the world's image become lamps. */
 static AmbStatus light_from_world(AmbScene *scene) {
     WorldLamp lamps[WORLD_LAMPS_MAX];
@@ -212,6 +219,7 @@ AmbStatus scene_commit(AmbScene *scene) {
     if (status == AMB_OK)
         status = light_from_world(scene);
     if (status != AMB_OK) {
+        return_lamps(scene);
         for (uint32_t i = 0; i < scene->object_count; ++i)
             release_placement(&scene->objects[i]);
         return status;

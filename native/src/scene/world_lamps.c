@@ -301,3 +301,21 @@ AmbStatus world_take_lamps(World *world, WorldLamp out_lamps[WORLD_LAMPS_MAX],
     memory_free(spots.pixels);
     return status;
 }
+
+void world_return_lamps(World *world) {
+    WorldImage *image = &world->image;
+    /* The last first: a later patch may lie on an earlier one. */
+    while (image->patch_count > 0) {
+        const WorldPatch *patch = &image->patches[--image->patch_count];
+        for (uint32_t y = 0; y < patch->height; ++y)
+            for (uint32_t x = 0; x < patch->width; ++x) {
+                const uint64_t pixel = (uint64_t)(patch->y + y) * image->width +
+                                       wrap((int64_t)patch->x + x, image->width);
+                image->pixels[pixel] =
+                    rgb_add(image->pixels[pixel], patch->excess[(uint64_t)y * patch->width + x]);
+            }
+        memory_free(patch->excess);
+    }
+    memory_free(image->patches);
+    image->patches = NULL;
+}

@@ -19,4 +19,7 @@ typedef struct WorldLamp {
  * their irradiance exactly. docs/theory.md says what is taken. */
 AmbStatus world_take_lamps(World *world, WorldLamp out_lamps[WORLD_LAMPS_MAX], uint32_t *out_count);
 
+/* Puts back what was taken. */
+void world_return_lamps(World *world);
+
 #endif
