@@ -46,6 +46,12 @@ enum_scatter_estimators = (
         "Photons",
         "Photons from the lamps, kept by depth below the surface: for jade, wax and milk",
     ),
+    (
+        "TREE_CUT",
+        "Tree Cut",
+        "The published point-based method, for comparison: straight connections to volume samples; "
+        "light that walls reflect between scatterings is missing",
+    ),
 )
 enum_effects = (
     ("AUTO", "Automatic", "Simulate what the scene shows, and say what was left out and why"),

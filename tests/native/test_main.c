@@ -48,7 +48,8 @@ void test_run(const char *name, void (*function)(void)) {
     X(base)                                                                                        \
     X(boundary)                                                                                    \
     X(caustics)                                                                                    \
-    X(covariance) X(faults) X(gather) X(hard) X(optics) X(scatter) X(scene) X(specular) X(tangent) \
+    X(covariance)                                                                                  \
+    X(faults) X(gather) X(hard) X(optics) X(scatter) X(scene) X(specular) X(tangent) X(tree_cut)   \
         X(tubes) X(world)
 
 #define DECLARE(name) void test_##name(void);

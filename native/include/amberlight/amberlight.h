@@ -302,7 +302,10 @@ enum {
                                * the light field: noise, no other bias than the field's */
     AMB_SCATTER_PHOTONS = 2,  /* photons from lamps and surroundings, kept in cells by depth: for
                                * thick media; a fourth of light_samples are emitted */
-    AMB_SCATTER_TREE_CUT = 3, /* AMB_UNSUPPORTED in this version */
+    AMB_SCATTER_TREE_CUT = 3, /* [Wang16]: straight connections to volume samples, an infinite
+                               * medium's table beyond two scatterings; for comparison: light that
+                               * walls reflect between scatterings is missing, the surroundings'
+                               * too. A fourth of light_samples are placed */
 };
 
 typedef struct AmbRenderParams {

@@ -11,7 +11,8 @@ enum {
     RNG_STAGE_CAMERA = 2,
     RNG_STAGE_PROBE = 3,
     RNG_STAGE_PLAN = 4,
-    RNG_STAGE_PHOTON = 5
+    RNG_STAGE_PHOTON = 5,
+    RNG_STAGE_PROPAGATOR = 7
 };
 
 typedef struct Rng {

@@ -28,9 +28,6 @@ AmbStatus plan_check(const AmbRenderParams *params) {
     if (params->estimator > AMB_ESTIMATOR_SPECULAR)
         return status_fail(AMB_UNSUPPORTED, "estimator %s is not available in this version",
                            plan_estimator_name(params->estimator));
-    if (params->scatter_estimator > AMB_SCATTER_PHOTONS)
-        return status_fail(AMB_UNSUPPORTED, "scatter estimator %s is not available in this version",
-                           plan_scatter_estimator_name(params->scatter_estimator));
     return AMB_OK;
 }
 

@@ -21,7 +21,8 @@ static const double PHOTONS_AT_PERCENT = 4e6;
 
 static uint64_t count_photons(const AmbRenderParams *params) {
     const uint64_t set = params->light_samples / SAMPLES_PER_PHOTON;
-    if (!(params->accuracy > 0.0f))
+    /* The error of a tree cut is of another kind: more samples do not lessen it. */
+    if (!(params->accuracy > 0.0f) || params->scatter_estimator == AMB_SCATTER_TREE_CUT)
         return set > 0 ? set : 1;
     const double percent = 100.0 * (double)params->accuracy;
     const double wanted = PHOTONS_AT_PERCENT / (percent * percent * percent);
@@ -40,7 +41,13 @@ void plan_scatter(const AmbScene *scene, const AmbRenderParams *params, Plan *pl
         plan->scatter_estimator = AMB_SCATTER_WALK;
         plan->scatter_estimator_reason = "media are thin";
     }
-    plan->scatter = (ScatterParams){.photon_count = count_photons(params),
+    const bool uses_tree_cut = plan->scatter_estimator == AMB_SCATTER_TREE_CUT;
+    if (uses_tree_cut && plan->effects[PLAN_WORLD_LIGHT].is_simulated) {
+        plan->effects[PLAN_WORLD_LIGHT].is_simulated = false;
+        plan->effects[PLAN_WORLD_LIGHT].reason = "TREE_CUT has volume samples of lamps alone";
+    }
+    plan->scatter = (ScatterParams){.uses_tree_cut = uses_tree_cut,
+                                    .photon_count = count_photons(params),
                                     .light_bounces = plan->light.bounces,
                                     .order_max = params->scatter_order_max,
                                     .follows_through = plan->light.follows_through,

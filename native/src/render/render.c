@@ -217,10 +217,10 @@ static AmbStatus run_field(AmbRender *render, const LightField *light, Field **o
     return status;
 }
 
-/* Light of later orders, if photons bring it. */
+/* Light of later orders, unless walks bring it. */
 static AmbStatus run_scatter(AmbRender *render, Scatter **out_scatter) {
     *out_scatter = NULL;
-    if (render->plan.scatter_estimator != AMB_SCATTER_PHOTONS)
+    if (render->plan.scatter_estimator == AMB_SCATTER_WALK)
         return AMB_OK;
     set_stage(render, STAGE_FIELD);
     const StageClock begin = clock_stage(render);

@@ -137,6 +137,7 @@ static void add_scatter(Text *text, const AmbRender *render) {
     add(text, "  \"scatter\": {\"estimator\": \"%s\", \"reason\": \"%s\", ",
         plan_scatter_estimator_name(render->plan.scatter_estimator),
         render->plan.scatter_estimator_reason);
+    /* Of TREE_CUT cells are volume samples, and there are no photons to tell about. */
     add(text, "\"photons\": %llu, \"collisions\": %llu, \"cells\": %llu, \"bytes\": %llu, ",
         (unsigned long long)scatter->tally.photon_count,
         (unsigned long long)scatter->tally.collision_count, (unsigned long long)scatter->cell_count,

@@ -7,10 +7,12 @@
 #include "base/memory.h"
 #include "field/scatter/photon_walk.h"
 #include "field/scatter/scatter_cells.h"
+#include "field/scatter/tree_cut.h"
 
 struct Scatter {
     uint32_t object_count;
-    ScatterCells *cells; /* by object */
+    ScatterCells *cells; /* by object; photons */
+    TreeCut *cut;        /* [Wang16], else NULL */
     ScatterTally tally;
 };
 
@@ -189,6 +191,17 @@ static AmbStatus run(const AmbScene *scene, const ScatterParams *params, Job *jo
     return status;
 }
 
+static AmbStatus create_tree_cut(const AmbScene *scene, const ScatterParams *params, Job *job,
+                                 Scatter *scatter) {
+    const TreeCutParams cut_params = {.light = {.bounces = params->light_bounces,
+                                                .follows_through = params->follows_through,
+                                                .adjoint_normals = params->adjoint_normals,
+                                                .seed = params->seed},
+                                      .sample_count = params->photon_count,
+                                      .order_max = params->order_max};
+    return tree_cut_create(scene, &cut_params, job, &scatter->cut);
+}
+
 AmbStatus scatter_create(const AmbScene *scene, const ScatterParams *params, Job *job,
                          Scatter **out_scatter) {
     Scatter *scatter = memory_zero_array(1, sizeof *scatter);
@@ -199,7 +212,9 @@ AmbStatus scatter_create(const AmbScene *scene, const ScatterParams *params, Job
     AmbStatus status = AMB_OK;
     if (scatter->cells == NULL)
         status = status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
-    if (status == AMB_OK)
+    if (status == AMB_OK && params->uses_tree_cut)
+        status = create_tree_cut(scene, params, job, scatter);
+    else if (status == AMB_OK)
         status = run(scene, params, job, scatter);
     if (status != AMB_OK) {
         scatter_destroy(scatter);
@@ -215,10 +230,15 @@ void scatter_destroy(Scatter *scatter) {
     for (uint32_t o = 0; scatter->cells != NULL && o < scatter->object_count; ++o)
         scatter_cells_clear(&scatter->cells[o]);
     memory_free(scatter->cells);
+    tree_cut_destroy(scatter->cut);
     memory_free(scatter);
 }
 
 ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segment) {
+    if (scatter->cut != NULL) {
+        const TreeCutRadiance radiance = tree_cut_gather(scatter->cut, segment);
+        return (ScatterRadiance){.twice = radiance.twice, .more = radiance.more};
+    }
     const ScatterCells *cells = &scatter->cells[segment->object];
     if (cells->moments == NULL || cells->layer_count == 0)
         return (ScatterRadiance){.once = {0, 0, 0}};
@@ -226,14 +246,14 @@ ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segme
 }
 
 uint64_t scatter_bytes(const Scatter *scatter) {
-    uint64_t bytes = 0;
+    uint64_t bytes = scatter->cut != NULL ? tree_cut_bytes(scatter->cut) : 0;
     for (uint32_t o = 0; o < scatter->object_count; ++o)
         bytes += scatter_cells_bytes(&scatter->cells[o]);
     return bytes;
 }
 
 uint64_t scatter_cell_count(const Scatter *scatter) {
-    uint64_t count = 0;
+    uint64_t count = scatter->cut != NULL ? tree_cut_sample_count(scatter->cut) : 0;
     for (uint32_t o = 0; o < scatter->object_count; ++o)
         count += scatter->cells[o].cell_count;
     return count;

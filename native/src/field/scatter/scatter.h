@@ -9,12 +9,13 @@
 typedef struct Scatter Scatter;
 
 typedef struct ScatterParams {
-    uint64_t photon_count;  /* to emit, over all lights, the world and objects */
+    bool uses_tree_cut;     /* [Wang16]'s volume samples instead of photons; see tree_cut.h */
+    uint64_t photon_count;  /* to emit, over all lights, the world and objects; or samples */
     uint32_t light_bounces; /* internal reflections of light that has not scattered yet */
     uint32_t order_max;     /* scatterings to follow; 0: no limit */
     bool follows_through;   /* go on with light that leaves an object, to others behind it */
     bool adjoint_normals;   /* see BoundaryCrossing; for light that has not scattered yet */
-    bool has_world;         /* the world's light enters media */
+    bool has_world;         /* the world's light enters media; photons only */
     uint64_t memory_max;    /* bytes */
     uint32_t seed;
 } ScatterParams;
@@ -42,7 +43,7 @@ void scatter_destroy(Scatter *scatter);
 ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segment);
 
 uint64_t scatter_bytes(const Scatter *scatter);
-uint64_t scatter_cell_count(const Scatter *scatter);
+uint64_t scatter_cell_count(const Scatter *scatter); /* or volume samples */
 const ScatterTally *scatter_tally(const Scatter *scatter);
 
 #endif
