@@ -10,7 +10,7 @@ import pytest
 from sources import ROOT
 
 SCENES = ROOT / "scenes_blend"
-NAMES = ["bumpy_sphere", "oil", "slab", "sphere", "still_life", "suzanne"]
+NAMES = ["bumpy_sphere", "caustics", "oil", "slab", "sphere", "still_life", "suzanne"]
 GIVEN_MESH = ["buddha", "bunny"]  # built around a mesh that is not in this repository
 
 # A closed octahedron, y up, with one of its triangles given twice.
