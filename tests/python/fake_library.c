@@ -269,6 +269,21 @@ AmbStatus amb_render_report(AmbRender *render, char *buffer, uint64_t size, uint
         memcpy(buffer, text, *out_size);
     return AMB_OK;
 }
+AmbStatus amb_plan_explain(AmbScene *scene, const AmbRenderParams *params, char *buffer,
+                           uint64_t size, uint64_t *out_size) {
+    char text[512];
+    if (!scene->is_committed)
+        return fail(AMB_INVALID_STATE, "amb_plan_explain", "the scene is not committed");
+    const int length = snprintf(
+        text, sizeof text,
+        "{\"plan\": {\"automatic\": %s}, \"estimator\": \"TUBES\", \"effects\": "
+        "[{\"name\": \"single scattering\", \"simulated\": true, \"reason\": \"seed %u\"}]}",
+        params->effects_are_auto ? "true" : "false", params->seed);
+    *out_size = (uint64_t)length + 1;
+    if (buffer && size >= *out_size)
+        memcpy(buffer, text, *out_size);
+    return AMB_OK;
+}
 AmbStatus amb_render_write_exr(AmbRender *render, const char *path, const char *layer) {
     (void)render;
     FILE *file = fopen(path, "w");

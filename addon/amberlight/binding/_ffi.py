@@ -306,13 +306,17 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
         AmbStatus,
         (AmbScene, POINTER(AmbRenderParams), POINTER(AmbRender)),
     ),
+    # The buffer is a plain address: c_char_p would copy, and it may be NULL.
+    "amb_plan_explain": (
+        AmbStatus,
+        (AmbScene, POINTER(AmbRenderParams), c_void_p, c_uint64, POINTER(c_uint64)),
+    ),
     "amb_progress_init": (None, (POINTER(AmbProgress),)),
     "amb_render_progress": (AmbStatus, (AmbRender, POINTER(AmbProgress))),
     "amb_render_cancel": (None, (AmbRender,)),
     "amb_render_wait": (AmbStatus, (AmbRender, c_double, POINTER(c_int32))),
     "amb_render_pass_channels": (AmbStatus, (AmbRender, c_char_p, POINTER(c_uint32))),
     "amb_render_read_pass": (AmbStatus, (AmbRender, c_char_p, POINTER(c_float), c_uint64)),
-    # The buffer is a plain address: c_char_p would copy, and it may be NULL.
     "amb_render_report": (AmbStatus, (AmbRender, c_void_p, c_uint64, POINTER(c_uint64))),
     "amb_render_write_exr": (AmbStatus, (AmbRender, c_char_p, c_char_p)),
     "amb_render_destroy": (None, (AmbRender,)),

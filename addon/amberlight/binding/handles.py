@@ -217,6 +217,20 @@ class Scene(_Handle):
         """Checks the whole and freezes it."""
         self._lib.amb_scene_commit(self.pointer)
 
+    def explain(self, **params: Any) -> dict[str, Any]:
+        """The plan of a render that is not started; `params`: members of AmbRenderParams."""
+        settings = _ffi.AmbRenderParams()
+        self._lib.amb_render_params_init(byref(settings))
+        _assign(settings, params)
+        size = c_uint64(1 << 14)
+        while True:
+            # A second call plans again, to the same text.
+            room = size.value
+            buffer = ctypes.create_string_buffer(room)
+            self._lib.amb_plan_explain(self.pointer, byref(settings), buffer, room, byref(size))
+            if size.value <= room:
+                return dict(json.loads(buffer.value.decode("utf-8", "replace")))
+
     def start(self, **params: Any) -> Render:
         """Starts a render; `params`: members of AmbRenderParams."""
         return Render(self, **params)

@@ -349,6 +349,14 @@ AMB_API void amb_render_params_init(AmbRenderParams *params);
 AMB_API AmbStatus amb_render_start(AmbScene *scene, const AmbRenderParams *params,
                                    AmbRender **out_render);
 
+/* Plans a render without starting it: which effects would be simulated and which left out, for the
+ * picture and for each object, with the share that is predicted of each, and why. Writes JSON
+ * (UTF-8, zero-terminated) into the buffer if it fits; *out_size is always the size needed in
+ * bytes, including the zero. buffer may be NULL. Returns when it is done, after a small part of a
+ * render's time. */
+AMB_API AmbStatus amb_plan_explain(AmbScene *scene, const AmbRenderParams *params, char *buffer,
+                                   uint64_t size, uint64_t *out_size);
+
 enum {
     AMB_STATE_RUNNING = 0,
     AMB_STATE_DONE = 1,

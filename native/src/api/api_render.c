@@ -61,6 +61,21 @@ AmbStatus amb_render_start(AmbScene *scene, const AmbRenderParams *params, AmbRe
     return render_start(scene, &given, out_render);
 }
 
+AmbStatus amb_plan_explain(AmbScene *scene, const AmbRenderParams *params, char *buffer,
+                           uint64_t size, uint64_t *out_size) {
+    status_enter("amb_plan_explain");
+    AMB_TRY(check_pointer(out_size, "out_size"));
+    *out_size = 0;
+    AMB_TRY(check_pointer(scene, "scene"));
+    if (!scene->is_committed)
+        return status_fail(AMB_INVALID_STATE, "the scene is not committed");
+    AmbRenderParams given;
+    amb_render_params_init(&given);
+    AMB_TRY(check_struct(params, sizeof given, "params", &given));
+    AMB_TRY(check_params(&given));
+    return render_explain(scene, &given, buffer, size, out_size);
+}
+
 void amb_progress_init(AmbProgress *progress) {
     if (progress != NULL)
         *progress = (AmbProgress){.struct_size = sizeof *progress};

@@ -27,8 +27,8 @@ static const double DEFAULT_ACCURACY = 0.01;
 /* Noise and light field have the rest of the target: sqrt(1 - 0.7^2) at worst. */
 static const double SHARE_PART = 0.5, OMITTED_PART = 0.7;
 /* A share that the probes could not tell from the least one is taken as less where its estimate is
- * below this part of it: between half and the whole in the same way. */
-static const double UNDECIDED_PART = 0.7;
+ * below this part of it: in the middle between half and the whole. */
+static const double UNDECIDED_PART = 0.75;
 /* Objects whose light is not traced have together at most this part of the least share. */
 static const double DARK_OBJECTS_PART = 0.25;
 
@@ -44,10 +44,10 @@ static bool is_less(const Share *share, double share_min) {
     return share->high <= share_min || share->value <= UNDECIDED_PART * share_min;
 }
 
-/* Whether a share is one that is clearly not twice the least, or not half of it. */
+/* Less than the least, or more than half of it, or in between and known well enough. */
 static bool is_clear(const Share *share, double share_min) {
-    return !share->is_known || share->high <= share_min / UNDECIDED_PART ||
-           share->low >= UNDECIDED_PART * share_min;
+    return !share->is_known || share->high <= share_min || share->low >= 0.5 * share_min ||
+           share->high - share->low <= 0.5 * share_min;
 }
 
 bool decide_is_settled(const EffectShares *shares, const Plan *plan) {

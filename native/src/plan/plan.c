@@ -38,6 +38,7 @@ enum {
     LIGHT_RAYS_MAX = 4096,
     SAMPLES_PER_LIGHT_RAY = 16,
     PROBES_MIN = 64, /* at a time */
+    PROBES_FEW = 256, /* where a share is not clear, however small the render */
     PROBES_MAX = 1024,
     SAMPLES_PER_PROBE = 64,
     SAMPLES_OF_TARGET = 8, /* of a pixel, where a target decides */
@@ -252,7 +253,7 @@ static AmbStatus decide_by_shares(const AmbScene *scene, const AmbRenderParams *
     AmbStatus status = AMB_OK;
     if (view.visible_count > 0) {
         status = effect_shares_create(scene, &shares);
-        const uint64_t probes = clamp_count(samples / SAMPLES_PER_PROBE, PROBES_MIN, PROBES_MAX);
+        const uint64_t probes = clamp_count(samples / SAMPLES_PER_PROBE, PROBES_FEW, PROBES_MAX);
         if (status == AMB_OK)
             status = measure(scene, params, &view, light, probes, job, &shares, plan);
         if (status == AMB_OK) {

@@ -9,6 +9,7 @@
 #include <time.h>
 
 #include "base/memory.h"
+#include "render/report.h"
 
 const char *const STAGE_NAMES[STAGE_COUNT] = {"scene", "light", "field", "camera"};
 
@@ -163,9 +164,29 @@ static void charge_stage(AmbRender *render, uint32_t stage, StageClock begin) {
     render->costs[stage].cpu += end.cpu - begin.cpu + end.helpers - begin.helpers;
 }
 
+static PlanCrop crop_of(const AmbRenderParams *params) {
+    if (params->crop_width > 0)
+        return (PlanCrop){params->crop_x, params->crop_y, params->crop_width, params->crop_height};
+    return (PlanCrop){0, 0, params->width, params->height};
+}
+
 static AmbStatus create_plan(AmbRender *render) {
-    const PlanCrop crop = {render->crop_x, render->crop_y, render->film.width, render->film.height};
+    const PlanCrop crop = crop_of(&render->params);
     return plan_create(render->scene, &render->params, &crop, &render->job, &render->plan);
+}
+
+AmbStatus render_explain(AmbScene *scene, const AmbRenderParams *params, char *buffer,
+                         uint64_t size, uint64_t *out_size) {
+    AMB_TRY(plan_check(params));
+    Job job;
+    job_init(&job, params->threads);
+    AMB_TRY(scene_build(scene, &job));
+    const PlanCrop crop = crop_of(params);
+    Plan plan;
+    AMB_TRY(plan_create(scene, params, &crop, &job, &plan));
+    report_write_plan(scene, &plan, buffer, size, out_size);
+    plan_clear(&plan);
+    return AMB_OK;
 }
 
 static AmbStatus run_scene(AmbRender *render) {

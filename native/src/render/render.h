@@ -71,6 +71,9 @@ void render_cancel(AmbRender *render);
 /* See amb_render_wait. */
 AmbStatus render_wait(AmbRender *render, double timeout, bool *out_ended);
 void render_destroy(AmbRender *render);
+/* See amb_plan_explain. */
+AmbStatus render_explain(AmbScene *scene, const AmbRenderParams *params, char *buffer,
+                         uint64_t size, uint64_t *out_size);
 
 /* Stages, for those who run them more than once. */
 

@@ -69,8 +69,7 @@ static void add_effect_objects(Text *text, const AmbScene *scene, const Plan *pl
     add(text, "]}");
 }
 
-static void add_effects(Text *text, const AmbRender *render) {
-    const Plan *plan = &render->plan;
+static void add_effects(Text *text, const AmbScene *scene, const Plan *plan) {
     add(text,
         "  \"plan\": {\"automatic\": %s, \"share_min\": %.9g, \"omitted\": %.4g, \"probes\": "
         "%llu},\n",
@@ -86,7 +85,7 @@ static void add_effects(Text *text, const AmbRender *render) {
         add(text, ", ");
         add_share(text, "omitted", &effect->rest);
         add(text, ",\n");
-        add_effect_objects(text, render->scene, plan, i);
+        add_effect_objects(text, scene, plan, i);
         add(text, "%s\n", i + 1 < PLAN_EFFECT_COUNT ? "," : "");
     }
     add(text, "  ],\n");
@@ -240,7 +239,7 @@ void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t
     add(&text, "  \"estimator_reason\": \"%s\",\n",
         render->has_plan ? render->plan.estimator_reason : "");
     if (render->has_plan)
-        add_effects(&text, render);
+        add_effects(&text, render->scene, &render->plan);
     add_stages(&text, render);
     add_memory(&text, render);
     add_light(&text, render);
@@ -253,5 +252,18 @@ void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t
         (unsigned long long)(orders + surface), (unsigned long long)orders,
         (unsigned long long)surface);
     add(&text, "\n}\n");
+    *out_size = text.length + 1;
+}
+
+void report_write_plan(const AmbScene *scene, const Plan *plan, char *buffer, uint64_t size,
+                       uint64_t *out_size) {
+    Text text = {buffer, buffer != NULL ? size : 0, 0};
+    add(&text, "{\n  \"version\": \"%s\",\n", AMB_VERSION_STRING);
+    add(&text, "  \"estimator\": \"%s\",\n  \"estimator_reason\": \"%s\",\n",
+        plan_estimator_name(plan->estimator), plan->estimator_reason);
+    add(&text, "  \"scatter_estimator\": \"%s\",\n  \"scatter_estimator_reason\": \"%s\",\n",
+        plan_scatter_estimator_name(plan->scatter_estimator), plan->scatter_estimator_reason);
+    add_effects(&text, scene, plan);
+    add(&text, "  \"light_samples\": %llu\n}\n", (unsigned long long)plan->field.sample_target);
     *out_size = text.length + 1;
 }

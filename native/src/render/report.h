@@ -8,4 +8,8 @@
 /* Writes the report, zero-terminated, into buffer if it fits; *out_size is the size needed. */
 void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t *out_size);
 
+/* The same of a plan alone. */
+void report_write_plan(const AmbScene *scene, const Plan *plan, char *buffer, uint64_t size,
+                       uint64_t *out_size);
+
 #endif
