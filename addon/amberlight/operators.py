@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators: a translucent material to start from."""
+"""Operators: a translucent material to start from, and the plan of a render."""
 
 from typing import Any
 
 import bpy
 from bpy.props import EnumProperty
 
+from . import report as reports
+from .binding import library
+from .binding.errors import AmberlightError
+from .binding.handles import Scene, import_numpy
+from .engine import export_for_render, say
 from .export.conventions import scaled
 from .export.scene_data import RGB
+from .export.upload import upload
+from .render_job import render_params
 
 # name: (label, ior, sigma_s, sigma_a in 1/m, g): starting points to look at, not measurements.
 PRESETS: dict[str, tuple[str, float, RGB, RGB, float]] = {
@@ -93,9 +100,63 @@ class AMBERLIGHT_OT_new_translucent_material(bpy.types.Operator):
         return {"FINISHED"}
 
 
+EXPLANATION = "Amberlight Effects"
+POPUP_LINES = 30
+
+
+def explain(scene: Any, layer: str) -> list[str]:
+    """What a render of the scene would simulate, and why, as lines."""
+    import_numpy()
+    exported = export_for_render(scene, layer)
+    with Scene(library.load()) as built:
+        upload(exported.data, built)
+        built.commit()
+        plan = built.explain(**render_params(exported.settings, exported.frame))
+    return exported.messages.lines() + reports.plan_lines(plan)
+
+
+class AMBERLIGHT_OT_explain_effects(bpy.types.Operator):
+    bl_idname = "amberlight.explain_effects"
+    bl_label = "Explain Effects"
+    bl_description = (
+        "Say which effects a render would simulate, their predicted share of the picture, and why, "
+        "without rendering; the whole text is left in a text block"
+    )
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        return context.engine == "AMBERLIGHT" if hasattr(context, "engine") else True
+
+    def execute(self, context: Any) -> set[str]:
+        try:
+            lines = explain(context.scene, context.view_layer.name)
+        except (AmberlightError, RuntimeError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        text = bpy.data.texts.get(EXPLANATION) or bpy.data.texts.new(EXPLANATION)
+        text.clear()
+        text.write("\n".join(lines) + "\n")
+        if bpy.app.background:
+            for line in lines:
+                say(line)
+        else:
+
+            def draw(menu: Any, _: Any) -> None:
+                for line in lines[:POPUP_LINES]:
+                    menu.layout.label(text=line)
+
+            context.window_manager.popup_menu(draw, title="Explain Effects")
+        return {"FINISHED"}
+
+
+CLASSES = (AMBERLIGHT_OT_new_translucent_material, AMBERLIGHT_OT_explain_effects)
+
+
 def register() -> None:
-    bpy.utils.register_class(AMBERLIGHT_OT_new_translucent_material)
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
 
 
 def unregister() -> None:
-    bpy.utils.unregister_class(AMBERLIGHT_OT_new_translucent_material)
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

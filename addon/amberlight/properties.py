@@ -59,7 +59,10 @@ enum_effects = (
 )
 
 DEFAULT = Settings()
-FOLLOW = "internal reflections inside the medium that {} paths follow; 0 = none"
+FOLLOW = (
+    "internal reflections inside the medium that {} paths follow; 0 = none. Automatic effects "
+    "choose the number by themselves"
+)
 
 
 class AmberlightSceneSettings(bpy.types.PropertyGroup):

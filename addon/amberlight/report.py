@@ -39,10 +39,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             f"estimator {report.get('estimator', '?')}"
         )
     lines += accuracy_lines(report.get("accuracy", {}))
-    for effect in report.get("effects", ()):
-        name = str(effect["name"]).replace("_", " ")
-        done = "simulated" if effect["simulated"] else "skipped"
-        lines.append(f"{name}: {done}" + (f", {effect['reason']}" if effect.get("reason") else ""))
+    lines += effect_lines(report)
     for stage in report.get("stages", ()):
         lines.append(f"{stage['name']}: {stage['wall_s']:.2f} s ({stage['cpu_s']:.2f} CPU s)")
     memory = report.get("memory", {})
@@ -65,6 +62,56 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
 
 def percent(value: float) -> str:
     return f"{100 * value:.2g} %"
+
+
+def share_text(share: dict[str, float] | None) -> str:
+    """A predicted share with its bounds, or nothing."""
+    if not share:
+        return ""
+    bounds = f"{percent(share['low'])} to {percent(share['high'])}"
+    return f"; share {percent(share['value'])}, {bounds}"
+
+
+def effect_lines(report: dict[str, Any]) -> list[str]:
+    """Each effect: simulated or skipped, why, its share; and objects that differ from the rest."""
+    lines = []
+    for effect in report.get("effects", ()):
+        name = str(effect["name"]).replace("_", " ")
+        done = "simulated" if effect["simulated"] else "skipped"
+        if effect.get("count"):
+            done += f" up to {effect['count']}"
+        reason = f", {effect['reason']}" if effect.get("reason") else ""
+        lines.append(f"{name}: {done}{reason}{share_text(effect.get('share'))}")
+        lines += [
+            f"    {item['name']}: skipped{share_text(item.get('share'))}"
+            for item in effect.get("objects", ())
+            if effect["simulated"] and not item["simulated"]
+        ]
+    return lines
+
+
+def plan_lines(plan: dict[str, Any]) -> list[str]:
+    """A plan that was not rendered."""
+    lines = []
+    about = plan.get("plan", {})
+    if "share_min" in about:
+        kind = "by share" if about["automatic"] else "by hand"
+        lines.append(
+            f"effects chosen {kind}, least share {percent(about['share_min'])}, left out "
+            f"{percent(about['omitted'])}, {about['probes']} probes"
+        )
+    reason = f", {plan['estimator_reason']}" if plan.get("estimator_reason") else ""
+    lines.append(f"estimator {plan.get('estimator', '?')}{reason}")
+    lines += effect_lines(plan)
+    for effect in plan.get("effects", ()):
+        shares = [
+            f"    {item['name']}{share_text(item.get('share'))}"
+            for item in effect.get("objects", ())
+            if item.get("share") and item["simulated"]
+        ]
+        if len(shares) > 1:
+            lines += [f"{effect['name']} by object:", *shares]
+    return lines
 
 
 def accuracy_lines(accuracy: dict[str, Any]) -> list[str]:

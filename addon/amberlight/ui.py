@@ -94,13 +94,14 @@ class AMBERLIGHT_RENDER_PT_effects(_Panel, bpy.types.Panel):
         settings = context.scene.amberlight
         col = self.column(self.layout)
         col.row().prop(settings, "effects", expand=True)
+        col.operator("amberlight.explain_effects")
         sub = col.column(heading="Simulate")
         sub.active = settings.effects == "MANUAL"
         for name in EFFECTS:
             sub.prop(settings, name)
+        sub.prop(settings, "light_bounces")
+        sub.prop(settings, "camera_bounces")
         col.separator()
-        col.prop(settings, "light_bounces")
-        col.prop(settings, "camera_bounces")
         col.prop(settings, "scatter_estimator")
         col.prop(settings, "scatter_order_max")
 

@@ -78,6 +78,17 @@ def test_scene_closes_its_renders_first(fake):
     assert render.is_closed
 
 
+def test_explain(fake):
+    """A plan without a render, and the library's refusal."""
+    scene = committed(fake)
+    plan = scene.explain(seed=7, effects_are_auto=1)
+    assert plan["plan"]["automatic"] and plan["effects"][0]["reason"] == "seed 7"
+    assert alive(fake) == (1, 0)
+    scene.close()
+    with Scene(fake) as scene, pytest.raises(errors.AmbStateError):
+        scene.explain()
+
+
 def test_render_keeps_its_scene(fake):
     render = committed(fake).start(width=2, height=2, samples=1)
     gc.collect()

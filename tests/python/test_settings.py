@@ -99,6 +99,32 @@ def test_summary():
     assert reports.summary_lines({}) == reports.warning_lines({}) == []
 
 
+def test_plan_lines():
+    share = {"value": 0.2, "low": 0.15, "high": 0.25}
+    bead = {"name": "bead", "simulated": False, "share": None}
+    statue = {"name": "statue", "simulated": True, "share": share}
+    plan = {
+        "plan": {"automatic": True, "share_min": 0.005, "omitted": 0.001, "probes": 64},
+        "estimator": "TUBES", "estimator_reason": "lamps are small",
+        "effects": [
+            {"name": "single scattering", "simulated": True, "reason": "shows", "count": 0,
+             "share": share, "objects": [statue, bead]},
+            {"name": "light-side internal reflection", "simulated": True, "reason": "", "count": 2,
+             "share": share, "objects": [statue, statue]},
+        ],
+    }  # fmt: skip
+    assert reports.plan_lines(plan) == [
+        "effects chosen by share, least share 0.5 %, left out 0.1 %, 64 probes",
+        "estimator TUBES, lamps are small",
+        "single scattering: simulated, shows; share 20 %, 15 % to 25 %",
+        "    bead: skipped",
+        "light-side internal reflection: simulated up to 2; share 20 %, 15 % to 25 %",
+        "light-side internal reflection by object:",
+        "    statue; share 20 %, 15 % to 25 %",
+        "    statue; share 20 %, 15 % to 25 %",
+    ]
+
+
 @pytest.mark.parametrize(
     ("accuracy", "want"),
     [

@@ -78,3 +78,14 @@ def test_new_translucent_material(add_mesh, export):
     assert material.medium.sigma_a == approx((0.01, 0.1, 0.25))
     assert material.medium.lobes[0].sigma_s == approx((0.25, 0.25, 0.25))
     assert material.medium.lobes[0].g == approx(0.9)
+
+
+def test_explain_effects(scene, camera, add_mesh, real_library):
+    """The plan of the scene as text: nothing is rendered."""
+    scene.render.engine = "AMBERLIGHT"
+    add_mesh("Tri", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    assert bpy.ops.amberlight.explain_effects() == {"FINISHED"}
+    text = bpy.data.texts["Amberlight Effects"].as_string()
+    assert text.startswith("effects chosen by share")
+    assert "single scattering: skipped, no medium scatters" in text
+    assert "background through objects: skipped, no translucent object" in text
