@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Later orders of scattering in thick media: walks against photons. Prints; never asserts.
+
+    python3 tests/bench/bench_thick.py [--jade] [--threads N]
+
+First a table over optical radius and albedo of a sphere, index 1.5, lit by a point: the error of
+double and multiple scattering together, what it cost, and from both what 3 % would cost in an
+image of 256 x 256, in units of what its camera rays alone take. Errors of walks fall with
+n^(-1/2), of photons with n^(-1/3): cells get smaller as photons get more. Then jade, optical
+radius 20, as sphere and as bumpy sphere, against photons thirty-two times as many and along other
+camera rays, kept under build/bench.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "images"))
+
+from api import (  # noqa: E402
+    ROOT,
+    BuildScene,
+    Medium,
+    _ffi,
+    add_body,
+    add_point,
+    handles,
+    library,
+    set_perspective,
+)
+from meshes import Mesh, bumpy_sphere, icosphere  # noqa: E402
+
+LATER = _ffi.AMB_EFFECT_DOUBLE_SCATTERING | _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
+WALK, PHOTONS = _ffi.AMB_SCATTER_WALK, _ffi.AMB_SCATTER_PHOTONS
+SIZE, SAMPLES, TARGET, BAR = 256, 4, 0.03, 60
+TABLE_SIZE = 24  # small: the error of one sample is what counts
+JADE_PHOTONS = 2**18
+REFERENCE_RUNS = 32
+
+
+@dataclass(frozen=True)
+class Run:
+    """Double plus multiple scattering, (height, width, 3); CPU seconds by stage."""
+
+    radiance: NDArray[np.float64]
+    cover: NDArray[np.float64]
+    cpu: dict[str, float]
+
+
+def scene_of(mesh: Mesh, optical_radius: float, albedo: float, g: float = 0.0) -> BuildScene:
+    """A body of radius 1, lit from the upper right."""
+    medium = Medium(1.5, optical_radius * albedo, optical_radius * (1 - albedo), g)
+
+    def build(scene: handles.Scene) -> None:
+        add_body(scene, mesh, medium)
+        add_point(scene, (4, 2, 3), 100.0)
+        set_perspective(scene, (0, 0, 5), (0, 0, -1), (0, 1, 0), np.radians(30))
+
+    return build
+
+
+def render(build: BuildScene, size: int, **params: int) -> Run:
+    settings = {
+        "effects": LATER,
+        "light_bounces": 0,
+        "camera_bounces": 0,
+        "adjoint_normals": 0,
+        "film_transparent": 1,
+        "width": size,
+        "height": size,
+        "samples": SAMPLES,
+    } | params
+    with handles.Scene(library.load()) as scene:
+        build(scene)
+        scene.commit()
+        with scene.start(**settings) as job:
+            job.wait()
+            names = ("Double Scattering", "Multiple Scattering")
+            radiance = sum(job.read_pass(name)[::-1].astype(np.float64) for name in names)
+            cover = job.read_pass("Combined")[::-1, :, 3].astype(np.float64)
+            cpu = {stage["name"]: stage["cpu_s"] for stage in job.report()["stages"]}
+    return Run(np.asarray(radiance), cover, cpu)
+
+
+def noise(a: Run, b: Run) -> float:
+    """rel_rmse of one of two runs that differ by their seed alone."""
+    mask = a.cover > 0
+    difference = (a.radiance - b.radiance)[mask]
+    mean = (a.radiance + b.radiance)[mask].mean() / 2
+    return float(np.sqrt((difference**2).mean() / 2) / mean)
+
+
+def camera_rays(threads: int) -> float:
+    """CPU seconds of the camera rays alone: the unit of cost."""
+    build = scene_of(icosphere(5), 20, 0.99)
+    runs = [render(build, SIZE, effects=0, threads=threads) for _ in range(5)]
+    return float(np.median([run.cpu["camera"] for run in runs]))
+
+
+def compare(optical_radius: float, albedo: float, unit: float, threads: int) -> None:
+    build = scene_of(icosphere(5), optical_radius, albedo)
+    samples = 16 if optical_radius < 50 else 4
+    pixels = (SIZE / TABLE_SIZE) ** 2
+    walks = [
+        render(build, TABLE_SIZE, scatter_estimator=WALK, samples=samples, seed=s, threads=threads)
+        for s in (0, 1)
+    ]
+    walk_error = noise(*walks)
+    walk_cost = pixels * walks[0].cpu["camera"] * (walk_error / TARGET) ** 2
+    photons = 2**15 if optical_radius < 50 else 2**13
+    runs = [
+        render(
+            build,
+            TABLE_SIZE,
+            scatter_estimator=PHOTONS,
+            light_samples=4 * photons,
+            seed=s,
+            threads=threads,
+        )
+        for s in (0, 1)
+    ]
+    error = noise(*runs)
+    # What the cells themselves take, whatever the number of photons.
+    none = render(build, TABLE_SIZE, scatter_estimator=PHOTONS, light_samples=4, threads=threads)
+    traced = max(runs[0].cpu["field"] - none.cpu["field"], 0.0)
+    cost = none.cpu["field"] + traced * (error / TARGET) ** 3 + pixels * runs[0].cpu["camera"]
+    print(
+        f"{optical_radius:>8g}{albedo:>9g}{100 * walk_error:>8.1f}%{walk_cost / unit:>10.0f}"
+        f"{100 * error:>8.1f}%{cost / unit:>10.0f}{walk_cost / cost:>9.1f}",
+        flush=True,
+    )
+
+
+def jade(name: str, mesh: Mesh, unit: float, threads: int) -> None:
+    build = scene_of(mesh, 20, 0.99)
+    cache = ROOT / f"build/bench/thick_{name}_{SIZE}.npy"
+    if not cache.is_file():
+        print("rendering the reference ...", file=sys.stderr)
+        truth = render(
+            build,
+            SIZE,
+            scatter_estimator=PHOTONS,
+            light_samples=4 * REFERENCE_RUNS * JADE_PHOTONS,
+            samples=4 * SAMPLES,
+            seed=99,
+            threads=threads,
+        )
+        cache.parent.mkdir(parents=True, exist_ok=True)
+        np.save(cache, truth.radiance)
+    reference = np.load(cache)
+    run = render(
+        build,
+        SIZE,
+        scatter_estimator=PHOTONS,
+        light_samples=4 * JADE_PHOTONS,
+        threads=threads,
+    )
+    mask = run.cover == 1
+    difference = (run.radiance - reference)[mask]
+    error = np.sqrt((difference**2).mean()) / reference[mask].mean()
+    ratio = run.radiance[mask].mean() / reference[mask].mean()
+    cost = run.cpu["field"] + run.cpu["camera"]
+    print(
+        f"jade, {name}: rel_rmse {100 * error:.2f} % (bar {100 * TARGET:.0f} %), mean {ratio:.4f}, "
+        f"cost / camera rays {cost / unit:.0f} (bar {BAR}): photons {run.cpu['field'] / unit:.0f}, "
+        f"camera {run.cpu['camera'] / unit:.0f}",
+        flush=True,
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--jade", action="store_true", help="jade alone, without the table")
+    parser.add_argument("--threads", type=int, default=1)
+    arguments = parser.parse_args()
+    unit = camera_rays(arguments.threads)
+    print(f"camera rays alone, {SIZE} x {SIZE} x {SAMPLES}: {unit:.3f} CPU s", flush=True)
+    if not arguments.jade:
+        print(
+            f"{'radius':>8}{'albedo':>9}{'walk':>9}{'to 3 %':>10}{'photons':>9}{'to 3 %':>10}"
+            f"{'gain':>9}"
+        )
+        for optical_radius in (0.5, 1, 2, 5, 20, 100):
+            for albedo in (0.5, 0.9, 0.99, 0.9999):
+                compare(optical_radius, albedo, unit, arguments.threads)
+    jade("sphere", icosphere(5), unit, arguments.threads)
+    jade("bumpy", bumpy_sphere(5), unit, arguments.threads)
+
+
+if __name__ == "__main__":
+    main()

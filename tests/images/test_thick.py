@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Later orders of scattering by photons: a white furnace, and means against random walks, which
+share nothing with them but the light field of the last scattering."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from api import Medium, _ffi, add_body, add_point, handles, library, rgb, set_perspective
+from meshes import Mesh, box, icosphere
+from numpy.typing import NDArray
+
+SINGLE = _ffi.AMB_EFFECT_SINGLE_SCATTERING
+DOUBLE = _ffi.AMB_EFFECT_DOUBLE_SCATTERING
+MULTIPLE = _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
+WORLD = _ffi.AMB_EFFECT_WORLD_LIGHT
+WALK, PHOTONS = _ffi.AMB_SCATTER_WALK, _ffi.AMB_SCATTER_PHOTONS
+PASSES = ("Single Scattering", "Double Scattering", "Multiple Scattering")
+BALL = icosphere(4)
+
+
+def shoot(build: Any, size: int, **params: Any) -> tuple[NDArray[np.float64], dict[str, Any]]:  # noqa: ANN401
+    """Passes of the orders and Combined, (4, height, width, 3), and the report."""
+    settings = {
+        "light_bounces": 0,
+        "camera_bounces": 0,
+        "adjoint_normals": 0,
+        "width": size,
+        "height": size,
+        "effects": DOUBLE | MULTIPLE,
+        "light_samples": 2**17,
+    } | params
+    with handles.Scene(library.load()) as scene:
+        build(scene)
+        scene.commit()
+        with scene.start(**settings) as job:
+            job.wait()
+            passes = [job.read_pass(name)[..., :3] for name in (*PASSES, "Combined")]
+            return np.array(passes, dtype=np.float64), job.report()
+
+
+def means(build: Any, size: int, **params: Any) -> NDArray[np.float64]:  # noqa: ANN401
+    """Of each order's green."""
+    return shoot(build, size, **params)[0][:3, :, :, 1].mean(axis=(1, 2))
+
+
+def walk_means(
+    build: Any,  # noqa: ANN401
+    size: int,
+    **params: Any,  # noqa: ANN401
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The same of two independent renders by walks, and the standard error of their mean."""
+    a, b = (
+        shoot(build, size, scatter_estimator=WALK, seed=seed, **params)[0][:3, :, :, 1]
+        for seed in (1, 2)
+    )
+    error = np.sqrt(((a - b) ** 2).sum(axis=(1, 2))) / (2 * size * size)
+    return (a + b).mean(axis=(1, 2)) / 2, error
+
+
+def test_white_furnace() -> None:
+    """Nothing absorbs: every pixel shows the world."""
+
+    def build(scene: handles.Scene) -> None:
+        add_body(scene, BALL, Medium(1.5, 8.0, 0.0, 0.3))
+        scene.set_world([1.0, 1.0, 1.0])
+        set_perspective(scene, (0, 0, 5), (0, 0, -1), (0, 1, 0), 0.3)
+
+    everything = (
+        SINGLE
+        | DOUBLE
+        | MULTIPLE
+        | WORLD
+        | _ffi.AMB_EFFECT_SURFACE_REFLECTION
+        | _ffi.AMB_EFFECT_BACKGROUND
+    )
+    passes, report = shoot(
+        build, 12, effects=everything, scatter_estimator=PHOTONS, camera_bounces=4, samples=16
+    )
+    assert report["scatter"]["estimator"] == "PHOTONS"
+    combined = passes[3, :, :, 1]
+    assert combined.mean() == pytest.approx(1.0, abs=0.01)
+    assert np.sqrt(((combined - 1) ** 2).mean()) < 0.06
+    scattered = passes[:3].sum(axis=0)[..., 1].mean()
+    assert 0.8 < scattered < 1.0
+
+
+def lamp(optical_radius: float, albedo: float, g: float, mesh: Mesh = BALL) -> Any:  # noqa: ANN401
+    def build(scene: handles.Scene) -> None:
+        sigma = optical_radius
+        add_body(scene, mesh, Medium(1.5, sigma * albedo, sigma * (1 - albedo), g))
+        add_point(scene, (4, 2, 3), 100.0)
+        set_perspective(scene, (0, 0, 5), (0, 0, -1), (0, 1, 0), 0.35)
+
+    return build
+
+
+@pytest.mark.parametrize(
+    ("build", "samples"),
+    [
+        pytest.param(lamp(2.0, 0.9, 0.0), 32, id="thin"),
+        pytest.param(lamp(6.0, 0.8, 0.5), 24, id="forward"),
+        pytest.param(lamp(5.0, 0.9, 0.0, box((-0.6, -0.5, -0.7), (0.6, 0.7, 0.5))), 24, id="box"),
+    ],
+)
+def test_means_against_walks(build: Any, samples: int) -> None:  # noqa: ANN401
+    walk, error = walk_means(build, 16, samples=samples)
+    photons = means(build, 16, scatter_estimator=PHOTONS, samples=4)
+    for k in (1, 2):
+        assert photons[k] == pytest.approx(walk[k], abs=3.5 * error[k] + 0.015 * walk[k]), k
+        assert error[k] < 0.03 * walk[k]
+
+
+def test_surroundings_against_walks() -> None:
+    """Light of the world and of a lit floor, of all orders."""
+
+    def build(scene: handles.Scene) -> None:
+        add_body(scene, BALL, Medium(1.4, 4.0, 0.4, 0.0))
+        floor = scene.add_material("floor", surface=_ffi.AMB_SURFACE_DIFFUSE, albedo=rgb(0.7))
+        plate = box((-4, -4, -1.6), (4, 4, -1.3))
+        shape = scene.add_mesh("floor", plate.positions, plate.triangles)
+        scene.add_object("floor", shape, np.eye(4).tolist(), [floor])
+        add_point(scene, (3, 0, 4), 40.0)
+        scene.set_world([0.3, 0.3, 0.3])
+        set_perspective(scene, (0, -5, 0), (0, 1, 0), (0, 0, 1), 0.3)
+
+    effects = SINGLE | DOUBLE | MULTIPLE | WORLD
+    walk, error = walk_means(build, 12, samples=96, effects=effects)
+    photons = means(build, 12, scatter_estimator=PHOTONS, samples=4, effects=effects)
+    for k in range(3):
+        assert photons[k] == pytest.approx(walk[k], abs=3.5 * error[k] + 0.015 * walk[k]), k
+        assert error[k] < 0.03 * walk[k]
