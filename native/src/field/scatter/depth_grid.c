@@ -136,6 +136,23 @@ AmbStatus depth_grid_build(const AmbScene *scene, uint32_t object, Job *job, Dep
     return status;
 }
 
+Vec3 depth_grid_normal(const DepthGrid *grid, Vec3 p) {
+    DepthCell cell;
+    if (!depth_grid_find(grid, p, &cell))
+        return vec3(0, 0, 0);
+    const float *low = cell.low, *high = cell.high;
+    const uint32_t row = cell.row;
+    const float u = cell.u, v = cell.v, w = cell.w;
+    const float x = (1.0f - w) * ((1.0f - v) * (low[1] - low[0]) + v * (low[row + 1] - low[row])) +
+                    w * ((1.0f - v) * (high[1] - high[0]) + v * (high[row + 1] - high[row]));
+    const float y = (1.0f - w) * ((1.0f - u) * (low[row] - low[0]) + u * (low[row + 1] - low[1])) +
+                    w * ((1.0f - u) * (high[row] - high[0]) + u * (high[row + 1] - high[1]));
+    const float z = (1.0f - v) * ((1.0f - u) * (high[0] - low[0]) + u * (high[1] - low[1])) +
+                    v * ((1.0f - u) * (high[row] - low[row]) + u * (high[row + 1] - low[row + 1]));
+    const float length = sqrtf(x * x + y * y + z * z);
+    return length > 0.0f ? vec3_scale(vec3(x, y, z), 1.0f / length) : vec3(0, 0, 0);
+}
+
 void depth_grid_clear(DepthGrid *grid) {
     memory_free(grid->nodes);
     grid->nodes = NULL;

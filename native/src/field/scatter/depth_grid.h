@@ -18,27 +18,46 @@ AmbStatus depth_grid_build(const AmbScene *scene, uint32_t object, Job *job, Dep
 void depth_grid_clear(DepthGrid *grid);
 uint64_t depth_grid_bytes(const DepthGrid *grid);
 
-/* Linear between nodes; 0 outside of the grid. */
-static inline float depth_grid_at(const DepthGrid *grid, Vec3 p) {
+/* Eight nodes around a point, and where between them it is. */
+typedef struct DepthCell {
+    const float *low, *high; /* node of least coordinates, and the one above it along z */
+    uint32_t row;
+    float u, v, w;
+} DepthCell;
+
+/* False outside of the grid. */
+static inline bool depth_grid_find(const DepthGrid *grid, Vec3 p, DepthCell *out) {
     const float x = (p.x - grid->origin.x) / grid->spacing;
     const float y = (p.y - grid->origin.y) / grid->spacing;
     const float z = (p.z - grid->origin.z) / grid->spacing;
     if (!(x >= 0.0f && y >= 0.0f && z >= 0.0f))
-        return 0.0f;
+        return false;
     const uint32_t i = (uint32_t)x, j = (uint32_t)y, k = (uint32_t)z;
     const uint32_t nx = grid->count[0], ny = grid->count[1];
     if (i + 1 >= nx || j + 1 >= ny || k + 1 >= grid->count[2])
-        return 0.0f;
-    const float u = x - (float)i, v = y - (float)j, w = z - (float)k;
+        return false;
     const float *low = grid->nodes + ((uint64_t)k * ny + j) * nx + i;
-    const float *high = low + (uint64_t)ny * nx;
-    const float a = low[0] + u * (low[1] - low[0]);
-    const float b = low[nx] + u * (low[nx + 1] - low[nx]);
-    const float c = high[0] + u * (high[1] - high[0]);
-    const float d = high[nx] + u * (high[nx + 1] - high[nx]);
-    const float near = a + v * (b - a), far = c + v * (d - c);
-    return near + w * (far - near);
+    *out = (DepthCell){low, low + (uint64_t)ny * nx, nx, x - (float)i, y - (float)j, z - (float)k};
+    return true;
 }
+
+/* Linear between nodes; 0 outside of the grid. */
+static inline float depth_grid_at(const DepthGrid *grid, Vec3 p) {
+    DepthCell cell;
+    if (!depth_grid_find(grid, p, &cell))
+        return 0.0f;
+    const float *low = cell.low, *high = cell.high;
+    const uint32_t row = cell.row;
+    const float a = low[0] + cell.u * (low[1] - low[0]);
+    const float b = low[row] + cell.u * (low[row + 1] - low[row]);
+    const float c = high[0] + cell.u * (high[1] - high[0]);
+    const float d = high[row] + cell.u * (high[row + 1] - high[row]);
+    const float near = a + cell.v * (b - a), far = c + cell.v * (d - c);
+    return near + cell.w * (far - near);
+}
+
+/* Unit vector along which depth grows; 0 where it is not known. */
+Vec3 depth_grid_normal(const DepthGrid *grid, Vec3 p);
 
 /* No surface is nearer than this to a point of that depth. Between nodes a distance differs from
  * the true one by no more than the way to them, half a cell's diagonal; and what a node takes for

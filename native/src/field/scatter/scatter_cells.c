@@ -136,9 +136,13 @@ static void measure_stretch(const Measure *measure, float *volumes, Vec3 o, Vec3
         Cube cube;
         if (layer >= cells->layer_count || !find_cube(cells, p, &cube))
             continue;
+        /* Lines along a layer would meet it by luck: each counts with the square of its cosine to
+         * the layer's normal, which adds up to 1 over the three axes. */
+        const float cosine = vec3_dot(depth_grid_normal(&cells->depth, p), d);
+        const float volume = cosine * cosine * area * step;
         for (uint32_t c = 0; c < 8; ++c)
             volumes[cube_node(cells, &cube, c) * cells->layer_count + layer] +=
-                cube_hat(&cube, c) * area * step;
+                cube_hat(&cube, c) * volume;
     }
 }
 
@@ -170,8 +174,7 @@ static void measure_line(const Measure *measure, float *volumes, Vec3 o, Vec3 d,
     }
 }
 
-/* All lines along one axis. What lines of one axis see badly, surfaces along them, those of the
- * others see well: each counts a third. */
+/* All lines along one axis. */
 static AmbStatus measure_axis(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
     (void)end;
     (void)thread;
@@ -179,7 +182,7 @@ static AmbStatus measure_axis(void *user, uint64_t begin, uint64_t end, uint32_t
     const ScatterCells *cells = measure->cells;
     const int axis = (int)begin, across[2] = {(axis + 1) % 3, (axis + 2) % 3};
     const float spacing = cells->size / (float)LINES_PER_CUBE;
-    const float area = spacing * spacing / 3.0f;
+    const float area = spacing * spacing;
     const Rng rng = rng_create(0, RNG_STAGE_PHOTON, (uint64_t)axis);
     uint32_t dimension = 0;
     const uint32_t lines[2] = {(cells->count[across[0]] - 1) * LINES_PER_CUBE,
