@@ -243,13 +243,15 @@ static void threads_do_not_matter(void) {
 
 static void failures_leave_nothing(void) {
     AmbScene *scene = furnace(shape_resin(1.5f, 6.0f, 0.1f, 0.0f));
-    ScatterParams params = world_params(100);
+    const ScatterParams params = world_params(100);
     Job job;
     job_init(&job, 2);
     Scatter *scatter = NULL;
-    params.memory_max = 1 << 20;
+    MemoryLimit limit = {.bytes = 1 << 20};
+    memory_set_limit(&limit);
     ENSURE_STATUS(scatter_create(scene, &params, &job, &scatter), AMB_OUT_OF_MEMORY);
-    params.memory_max = 0;
+    memory_set_limit(NULL);
+    ENSURE(atomic_load(&limit.refused) > 1 << 20);
     for (int64_t n = 0; n < 12; ++n) {
         memory_fail_after(n);
         ENSURE_STATUS(scatter_create(scene, &params, &job, &scatter), AMB_OUT_OF_MEMORY);

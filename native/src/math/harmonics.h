@@ -8,7 +8,7 @@
 
 #include "math/sampling.h"
 
-enum { HARMONIC_DEGREE_MAX = 6, HARMONIC_COUNT_MAX = 49 };
+enum { HARMONIC_DEGREE_MAX = 4, HARMONIC_COUNT_MAX = 25 };
 
 /* Factors of the recurrences up to a degree; const once made. */
 typedef struct Harmonics {

@@ -53,6 +53,5 @@ void plan_scatter(const AmbScene *scene, const AmbRenderParams *params, Plan *pl
                                     .follows_through = plan->light.follows_through,
                                     .adjoint_normals = params->adjoint_normals != 0,
                                     .has_world = plan->effects[PLAN_WORLD_LIGHT].is_simulated,
-                                    .memory_max = params->memory_limit,
                                     .seed = params->seed};
 }

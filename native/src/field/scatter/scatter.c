@@ -17,8 +17,8 @@ struct Scatter {
 };
 
 /* Photons are divided among so many sums, whatever the number of threads, and these are added in
- * their order: the same bits. */
-enum { BANK_COUNT = 16 };
+ * their order: the same bits. Fewer where cells are large. */
+enum { BANK_COUNT_MAX = 16, BANK_BYTES_MAX = 1 << 28 };
 
 typedef struct Bank {
     float **moments; /* by object */
@@ -28,7 +28,8 @@ typedef struct Bank {
 typedef struct Trace {
     PhotonWalk walk;
     Job *job;
-    Bank banks[BANK_COUNT];
+    Bank banks[BANK_COUNT_MAX];
+    uint32_t bank_count;
     Scatter *scatter;
 } Trace;
 
@@ -38,7 +39,7 @@ static AmbStatus trace_bank(void *user, uint64_t begin, uint64_t end, uint32_t t
     for (uint64_t b = begin; b < end; ++b) {
         Bank *bank = &trace->banks[b];
         uint32_t unreported = 0;
-        for (uint64_t i = b; i < trace->walk.source->photon_count; i += BANK_COUNT) {
+        for (uint64_t i = b; i < trace->walk.source->photon_count; i += trace->bank_count) {
             if (job_is_cancelled(trace->job))
                 return AMB_CANCELLED;
             photon_walk(&trace->walk, i, bank->moments, &bank->tally);
@@ -81,9 +82,9 @@ static float area_radius(const AmbScene *scene, uint32_t object) {
 }
 
 /* Edge of the cubes. n photons leave a variance of 1/(n size^2) and the size a bias of size^2: the
- * sum of squares is least for n^(-1/6). */
+ * sum of squares is least for n^(-1/6), on the bumpy sphere with this factor. */
 static float cube_size(const AmbScene *scene, uint32_t object, uint64_t photon_count) {
-    return 0.57f * area_radius(scene, object) / powf((float)photon_count, 1.0f / 6.0f);
+    return 0.7f * area_radius(scene, object) / powf((float)photon_count, 1.0f / 6.0f);
 }
 
 static AmbStatus build_cells(const AmbScene *scene, const ScatterParams *params, Job *job,
@@ -100,18 +101,15 @@ static AmbStatus build_cells(const AmbScene *scene, const ScatterParams *params,
     return AMB_OK;
 }
 
-static AmbStatus create_banks(const AmbScene *scene, const ScatterParams *params, Trace *trace) {
-    uint64_t bytes = scatter_bytes(trace->scatter);
-    for (uint32_t o = 0; o < scene->object_count; ++o) {
-        const ScatterCells *cells = &trace->scatter->cells[o];
-        bytes += BANK_COUNT * cells->cell_count * cells->float_count * sizeof(float);
-    }
-    if (params->memory_max > 0 && bytes > params->memory_max)
-        return status_fail(AMB_OUT_OF_MEMORY,
-                           "scattered light takes %llu MB, more than the memory limit of %llu MB",
-                           (unsigned long long)(bytes >> 20),
-                           (unsigned long long)(params->memory_max >> 20));
-    for (uint32_t b = 0; b < BANK_COUNT; ++b) {
+static AmbStatus create_banks(const AmbScene *scene, Trace *trace) {
+    uint64_t bytes = 0;
+    for (uint32_t o = 0; o < scene->object_count; ++o)
+        bytes += trace->scatter->cells[o].cell_count * trace->scatter->cells[o].float_count * 4;
+    const uint64_t fitting = BANK_BYTES_MAX / (bytes + 1);
+    trace->bank_count = fitting > BANK_COUNT_MAX ? BANK_COUNT_MAX
+                        : fitting > 1            ? (uint32_t)fitting
+                                                 : 1;
+    for (uint32_t b = 0; b < trace->bank_count; ++b) {
         Bank *bank = &trace->banks[b];
         bank->moments = memory_zero_array(scene->object_count, sizeof *bank->moments);
         if (bank->moments == NULL)
@@ -128,7 +126,7 @@ static AmbStatus create_banks(const AmbScene *scene, const ScatterParams *params
 }
 
 static void destroy_banks(Trace *trace) {
-    for (uint32_t b = 0; b < BANK_COUNT; ++b) {
+    for (uint32_t b = 0; b < trace->bank_count; ++b) {
         float **moments = trace->banks[b].moments;
         for (uint32_t o = 0; moments != NULL && o < trace->scatter->object_count; ++o)
             memory_free(moments[o]);
@@ -144,11 +142,11 @@ static void sum_banks(Trace *trace) {
         const uint64_t count = cells->cell_count * cells->float_count;
         cells->moments = trace->banks[0].moments[o];
         trace->banks[0].moments[o] = NULL;
-        for (uint32_t b = 1; b < BANK_COUNT; ++b)
+        for (uint32_t b = 1; b < trace->bank_count; ++b)
             for (uint64_t i = 0; i < count; ++i)
                 cells->moments[i] += trace->banks[b].moments[o][i];
     }
-    for (uint32_t b = 0; b < BANK_COUNT; ++b) {
+    for (uint32_t b = 0; b < trace->bank_count; ++b) {
         const ScatterTally *tally = &trace->banks[b].tally;
         scatter->tally.photon_count += tally->photon_count;
         scatter->tally.collision_count += tally->collision_count;
@@ -177,11 +175,11 @@ static AmbStatus run(const AmbScene *scene, const ScatterParams *params, Job *jo
         trace->walk = (PhotonWalk){scene, params, &source, scatter->cells};
         trace->job = job;
         trace->scatter = scatter;
-        status = create_banks(scene, params, trace);
+        status = create_banks(scene, trace);
         atomic_store(&job->work_done, 0);
         atomic_store(&job->work_total, source.photon_count);
         if (status == AMB_OK)
-            status = parallel_for(job, BANK_COUNT, 1, trace_bank, trace);
+            status = parallel_for(job, trace->bank_count, 1, trace_bank, trace);
         if (status == AMB_OK)
             sum_banks(trace);
         destroy_banks(trace);

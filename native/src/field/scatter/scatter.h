@@ -16,7 +16,6 @@ typedef struct ScatterParams {
     bool follows_through;   /* go on with light that leaves an object, to others behind it */
     bool adjoint_normals;   /* see BoundaryCrossing; for light that has not scattered yet */
     bool has_world;         /* the world's light enters media; photons only */
-    uint64_t memory_max;    /* bytes */
     uint32_t seed;
 } ScatterParams;
 

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "base/memory.h"
-#include "base/rng.h"
 
 enum {
     LINES_PER_CUBE = 4, /* along an edge: lines on which volumes are measured */
@@ -107,14 +106,17 @@ static float cube_hat(const Cube *cube, uint32_t c) {
 typedef struct Measure {
     const AmbScene *scene;
     const ScatterCells *cells;
+    Job *job;
     uint32_t object;
-    float *volumes[3]; /* m^3, by axis of the lines, node and layer */
+    float *volumes; /* m^3, by node and layer */
+    /* Lines along an axis, of every other row of cubes: rows of one parity share no node. */
+    int axis;
+    uint32_t parity;
 } Measure;
 
 /* Adds the part of a line, of cross-section `area`, between two surfaces. Steps are shorter than
  * layers are thick and cubes are wide; far below the layers they are as long as the way to them. */
-static void measure_stretch(const Measure *measure, float *volumes, Vec3 o, Vec3 d, float length,
-                            float area) {
+static void measure_stretch(const Measure *measure, Vec3 o, Vec3 d, float length, float area) {
     const ScatterCells *cells = measure->cells;
     const float deepest = cells->layers[cells->layer_count];
     const float step_max = 0.5f * cells->size;
@@ -141,13 +143,13 @@ static void measure_stretch(const Measure *measure, float *volumes, Vec3 o, Vec3
         const float cosine = vec3_dot(depth_grid_normal(&cells->depth, p), d);
         const float volume = cosine * cosine * area * step;
         for (uint32_t c = 0; c < 8; ++c)
-            volumes[cube_node(cells, &cube, c) * cells->layer_count + layer] +=
+            measure->volumes[cube_node(cells, &cube, c) * cells->layer_count + layer] +=
                 cube_hat(&cube, c) * volume;
     }
 }
 
 /* Follows a line through all boundaries: what is inside is known exactly. */
-static void measure_line(const Measure *measure, float *volumes, Vec3 o, Vec3 d, float area) {
+static void measure_line(const Measure *measure, Vec3 o, Vec3 d, float area) {
     const AmbScene *scene = measure->scene;
     MediumStack stack = scene_media_at(scene, o);
     int opaque = 0; /* solids around */
@@ -156,7 +158,7 @@ static void measure_line(const Measure *measure, float *volumes, Vec3 o, Vec3 d,
         if (!scene_intersect(scene, o, d, INFINITY, &hit))
             return;
         if (opaque == 0 && stack.count > 0 && medium_stack_top(&stack) == measure->object)
-            measure_stretch(measure, volumes, o, d, hit.t, area);
+            measure_stretch(measure, o, d, hit.t, area);
         const SurfacePoint surface = scene_surface(scene, &hit);
         bool is_opaque = surface.material->surface != AMB_SURFACE_DIELECTRIC;
         Vec3 ng = surface.ng;
@@ -174,28 +176,39 @@ static void measure_line(const Measure *measure, float *volumes, Vec3 o, Vec3 d,
     }
 }
 
-/* All lines along one axis. */
-static AmbStatus measure_axis(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+/* One row of cubes. */
+static AmbStatus measure_row(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
     (void)end;
     (void)thread;
     const Measure *measure = user;
     const ScatterCells *cells = measure->cells;
-    const int axis = (int)begin, across[2] = {(axis + 1) % 3, (axis + 2) % 3};
+    const int axis = measure->axis, row_axis = (axis + 1) % 3, other_axis = (axis + 2) % 3;
+    const uint64_t row = 2 * begin + measure->parity;
     const float spacing = cells->size / (float)LINES_PER_CUBE;
-    const float area = spacing * spacing;
-    const Rng rng = rng_create(0, RNG_STAGE_PHOTON, (uint64_t)axis);
-    uint32_t dimension = 0;
-    const uint32_t lines[2] = {(cells->count[across[0]] - 1) * LINES_PER_CUBE,
-                               (cells->count[across[1]] - 1) * LINES_PER_CUBE};
-    for (uint32_t i = 0; i < lines[0]; ++i)
-        for (uint32_t j = 0; j < lines[1]; ++j) {
+    const uint32_t lines = (cells->count[other_axis] - 1) * LINES_PER_CUBE;
+    for (uint32_t j = 0; j < lines; ++j) {
+        if (job_is_cancelled(measure->job))
+            return AMB_CANCELLED;
+        for (uint32_t i = 0; i < LINES_PER_CUBE; ++i) {
             float from[3] = {cells->origin.x, cells->origin.y, cells->origin.z};
             float along[3] = {0, 0, 0};
-            from[across[0]] += spacing * ((float)i + rng_float(rng, dimension++));
-            from[across[1]] += spacing * ((float)j + rng_float(rng, dimension++));
+            from[row_axis] += cells->size * (float)row;
+            from[row_axis] += spacing * ((float)i + 0.5f);
+            from[other_axis] += spacing * ((float)j + 0.5f);
             along[axis] = 1.0f;
-            measure_line(measure, measure->volumes[axis], vec3_from(from), vec3_from(along), area);
+            measure_line(measure, vec3_from(from), vec3_from(along), spacing * spacing);
         }
+    }
+    return AMB_OK;
+}
+
+static AmbStatus measure_axis(Measure *measure, int axis) {
+    const uint32_t rows = measure->cells->count[(axis + 1) % 3] - 1;
+    measure->axis = axis;
+    for (uint32_t parity = 0; parity < 2; ++parity) {
+        measure->parity = parity;
+        AMB_TRY(parallel_for(measure->job, (rows + 1 - parity) / 2, 1, measure_row, measure));
+    }
     return AMB_OK;
 }
 
@@ -203,14 +216,12 @@ static AmbStatus measure_axis(void *user, uint64_t begin, uint64_t end, uint32_t
 static AmbStatus number_cells(const Measure *measure, ScatterCells *cells) {
     const uint64_t count = node_count(cells);
     const uint32_t layers = cells->layer_count;
-    float *const *v = measure->volumes;
-    for (uint64_t i = 0; i < count * layers; ++i)
-        v[0][i] += v[1][i] + v[2][i];
+    const float *volumes = measure->volumes;
     for (uint64_t n = 0; n < count; ++n) {
         CellColumn *column = &cells->columns[n];
         column->first = (uint32_t)cells->cell_count;
         for (uint32_t layer = 0; layer < layers; ++layer)
-            if (v[0][n * layers + layer] > 0.0f) {
+            if (volumes[n * layers + layer] > 0.0f) {
                 if (column->high == 0)
                     column->low = (uint16_t)layer;
                 column->high = (uint16_t)(layer + 1);
@@ -223,7 +234,7 @@ static AmbStatus number_cells(const Measure *measure, ScatterCells *cells) {
     for (uint64_t n = 0; n < count; ++n) {
         const CellColumn *column = &cells->columns[n];
         for (uint32_t layer = column->low; layer < column->high; ++layer)
-            cells->volumes[column->first + layer - column->low] = v[0][n * layers + layer];
+            cells->volumes[column->first + layer - column->low] = volumes[n * layers + layer];
     }
     return AMB_OK;
 }
@@ -231,20 +242,20 @@ static AmbStatus number_cells(const Measure *measure, ScatterCells *cells) {
 static AmbStatus measure_volumes(const AmbScene *scene, uint32_t object, Job *job,
                                  ScatterCells *cells) {
     const uint64_t count = node_count(cells) * cells->layer_count;
-    Measure measure = {.scene = scene, .cells = cells, .object = object};
+    Measure measure = {.scene = scene,
+                       .cells = cells,
+                       .job = job,
+                       .object = object,
+                       .volumes = memory_zero_array(count, sizeof *measure.volumes)};
     AmbStatus status = AMB_OK;
     cells->columns = memory_zero_array(node_count(cells), sizeof *cells->columns);
-    for (int axis = 0; axis < 3; ++axis) {
-        measure.volumes[axis] = memory_zero_array(count, sizeof(float));
-        if (measure.volumes[axis] == NULL || cells->columns == NULL)
-            status = status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
-    }
-    if (status == AMB_OK)
-        status = parallel_for(job, 3, 1, measure_axis, &measure);
+    if (measure.volumes == NULL || cells->columns == NULL)
+        status = status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
+    for (int axis = 0; status == AMB_OK && axis < 3; ++axis)
+        status = measure_axis(&measure, axis);
     if (status == AMB_OK)
         status = number_cells(&measure, cells);
-    for (int axis = 0; axis < 3; ++axis)
-        memory_free(measure.volumes[axis]);
+    memory_free(measure.volumes);
     return status;
 }
 
@@ -326,6 +337,10 @@ static void scatter_weights(const ScatterCells *cells, Vec3 wo, float weights[][
     }
 }
 
+static float layer_middle(const ScatterCells *cells, uint32_t layer) {
+    return 0.5f * (cells->layers[layer] + cells->layers[layer + 1]);
+}
+
 /* Radiance scattered per metre at one depth, by slot: moments over volumes of the nodes around,
  * each in proportion to its volume too, so that slivers say little. False: no cell. */
 static bool sample_layer(const ScatterCells *cells, const Cube *cube, uint32_t layer,
@@ -356,10 +371,6 @@ static bool sample_layer(const ScatterCells *cells, const Cube *cube, uint32_t l
         for (int k = 0; k < 4; ++k)
             out[s][k] /= volume;
     return true;
-}
-
-static float layer_middle(const ScatterCells *cells, uint32_t layer) {
-    return 0.5f * (cells->layers[layer] + cells->layers[layer + 1]);
 }
 
 /* Linear in depth between the middles of layers, and on to the boundary beyond the first. */
