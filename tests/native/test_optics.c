@@ -375,13 +375,14 @@ static void normals_transform_by_cofactors(void) {
         if (fabsf(mat4_determinant(m)) < 0.1f)
             continue;
         const Vec3 a = vec3(1, 0.5f, 0), b = vec3(0, 1, -0.3f), n = vec3_cross(a, b);
-        const Vec3 zero = mat4_point(m, vec3(0, 0, 0));
-        const Vec3 ma = vec3_sub(mat4_point(m, a), zero), mb = vec3_sub(mat4_point(m, b), zero);
+        const Vec3 zero = vec3d_round(mat4_point(m, vec3(0, 0, 0)));
+        const Vec3 ma = vec3_sub(vec3d_round(mat4_point(m, a)), zero);
+        const Vec3 mb = vec3_sub(vec3d_round(mat4_point(m, b)), zero);
         const Vec3 mn = vec3_normalize(mat4_normal(m, n));
         worst = test_worse(worst, fabs((double)vec3_dot(mn, vec3_normalize(ma))));
         worst = test_worse(worst, fabs((double)vec3_dot(mn, vec3_normalize(mb))));
         /* A point on the normal's side goes to the normal's side. */
-        ENSURE(vec3_dot(vec3_sub(mat4_point(m, n), zero), mn) > 0.0f);
+        ENSURE(vec3_dot(vec3_sub(vec3d_round(mat4_point(m, n)), zero), mn) > 0.0f);
     }
     ENSURE_NEAR(worst, 0.0, 2e-5);
 }

@@ -65,7 +65,8 @@ static void media_at_a_point_are_its_enclosing_objects(void) {
             /* Beside the facets a point is on neither side for certain. */
             if (fabsf(r - roundf(r)) < 0.05f)
                 continue;
-            const Vec3 at = vec3(places[i], places[i], places[i]);
+            /* A committed scene counts places from an origin of its own. */
+            const Vec3 at = scene->center;
             const MediumStack stack = scene_media_at(scene, vec3_madd(at, r, d));
             const uint32_t expected = r > 3.0f ? 0 : r > 2.0f ? 1 : r > 1.0f ? 2 : 3;
             wrong += stack.count != expected;
@@ -302,7 +303,7 @@ static void leaving_a_surface_is_final(void) {
             shape_add(scene, &mesh, add_resin(scene, 1.5f), scales[k], places[i], -places[i],
                       0.5f * places[i]);
             finish_scene(scene);
-            const Vec3 center = vec3(places[i], -places[i], 0.5f * places[i]);
+            const Vec3 center = scene->center;
             uint64_t state = 4;
             int again = 0, hits = 0;
             for (int trial = 0; trial < 3000; ++trial) {

@@ -6,11 +6,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import table_estimators
+import table_lights
 import table_media
+import table_meshes
 
 TABLES = {
     "Estimators": table_estimators.CASES,
+    "Lamps and cameras": table_lights.CASES,
     "Media": table_media.CASES,
+    "Meshes and places": table_meshes.CASES,
 }
 
 CASES = [replace(case, group=group) for group, cases in TABLES.items() for case in cases]

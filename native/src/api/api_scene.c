@@ -330,7 +330,7 @@ AmbStatus amb_scene_add_light(AmbScene *scene, const AmbLight *light, uint32_t *
                        .direction = vec3(0, 0, -1),
                        .radius = given.kind <= AMB_LIGHT_SPOT ? given.radius : 0.0f,
                        .angle = given.kind == AMB_LIGHT_SUN ? 0.5f * given.angle : 0.0f,
-                       .cos_outer = cosf(0.5f * given.spot_size),
+                       .spot_cap = 2.0f * powf(sinf(0.25f * given.spot_size), 2.0f),
                        .spot_blend = given.spot_blend,
                        .spot_cosine = given.spot_cosine,
                        .size = {0.5f * given.size[0], 0.5f * given.size[1]},

@@ -9,6 +9,7 @@ enum { DEPTH_MAX = 256 }; /* boundaries along one branch, a guard against endles
 
 typedef struct Branch {
     Vec3 o, d;
+    float before; /* m, from the boundary to o, which is just off it: medium, too */
     float t_max;
     Rgb throughput;
     MediumStack stack;
@@ -19,7 +20,8 @@ typedef struct Branch {
 /* Adds what scattered along the branch inside its medium, and attenuates the branch. */
 static void pass_medium(Walker *walker, Branch *branch, float length) {
     const Medium *medium = &medium_stack_material(walker->scene, &branch->stack)->medium;
-    const FieldSegment segment = {branch->o, branch->d, length, medium_stack_top(&branch->stack)};
+    const FieldSegment segment = {vec3_madd(branch->o, -branch->before, branch->d), branch->d,
+                                  branch->before + length, medium_stack_top(&branch->stack)};
     if (walker->observer != NULL && medium_scatters(medium))
         walker->observer->see_medium(walker->observer->user, &branch->way, &segment, 0,
                                      branch->throughput);
@@ -37,7 +39,7 @@ static void pass_medium(Walker *walker, Branch *branch, float length) {
         walker->way = branch->way;
         walk_scatter(walker, branch->o, branch->d, &branch->stack, branch->throughput);
     }
-    branch->throughput = rgb_mul(branch->throughput, medium_transmittance(medium, length));
+    branch->throughput = rgb_mul(branch->throughput, medium_transmittance(medium, segment.length));
 }
 
 /* Adds light that arrives at the end of the branch. */
@@ -62,8 +64,10 @@ static void follow_next(Walker *walker, const Branch *from, const SurfacePoint *
             return;
         throughput = rgb_scale(throughput, 1.0f / survival);
     }
-    follow(walker, (Branch){.o = scene_leave(surface, d),
+    const Vec3 o = scene_leave(surface, d);
+    follow(walker, (Branch){.o = o,
                             .d = d,
+                            .before = fmaxf(vec3_dot(vec3_sub(o, surface->p), d), 0.0f),
                             .t_max = INFINITY,
                             .throughput = throughput,
                             .stack = *stack,
@@ -114,8 +118,7 @@ static void follow(Walker *walker, Branch branch) {
     const bool is_hit =
         boundary_find(scene, &branch.stack, branch.o, branch.d, branch.t_max, &arrival);
     if (is_inside) {
-        const float length =
-            is_hit ? arrival.t : fminf(branch.t_max, walker_end_of_scene(scene, branch.o));
+        const float length = is_hit ? arrival.t : fminf(branch.t_max, scene_end(scene, branch.o));
         if (!is_hit && !isfinite(branch.t_max))
             ++walker->out->leak_count;
         pass_medium(walker, &branch, length);

@@ -88,7 +88,7 @@ static Target find_target(const Walk *walk) {
     const bool is_hit = boundary_find(scene, &target.stack, walk->o, walk->d, INFINITY, &arrival);
     target.has_passed = arrival.passed_count > 0;
     if (!is_hit) {
-        target.length = walker_end_of_scene(scene, walk->o);
+        target.length = scene_end(scene, walk->o);
         return target;
     }
     target.is_hit = true;

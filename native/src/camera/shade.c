@@ -111,8 +111,7 @@ static Rgb follow_light(Walker *walker, LightPath path, Rgb glow) {
         if (path.stack.count > 0) {
             if (!is_hit)
                 ++walker->out->leak_count;
-            pass_medium(walker, &path, is_hit ? arrival.t : walker_end_of_scene(scene, path.o),
-                        glow);
+            pass_medium(walker, &path, is_hit ? arrival.t : scene_end(scene, path.o), glow);
         }
         if (!is_hit)
             return rgb_mul(path.weight, world_radiance_but_lamps(&scene->world, path.d));

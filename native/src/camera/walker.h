@@ -33,10 +33,4 @@ static inline Rgb rgb_madd(Rgb a, Rgb b, Rgb c) {
     return rgb_add(a, rgb_mul(b, c));
 }
 
-/* Length of a segment that meets nothing: through a hole in the mesh the medium would go on for
- * ever; it ends where the scene does. */
-static inline float walker_end_of_scene(const AmbScene *scene, Vec3 p) {
-    return scene->radius + vec3_length(vec3_sub(p, scene->center));
-}
-
 #endif

@@ -22,6 +22,9 @@ static const float GRAZING_COS = 1e-4f;
 /* Branches with less than this share of their ray's flux end: what all of them together would add
  * is below 1e-5 of the light, and a clear object with many bounces would fill memory with them. */
 static const float FLUX_MIN = 1e-6f;
+/* A cell that grows by more than this along its beam, because the lamp is so near, counts as if it
+ * grew by this. */
+static const float GROWTH_MAX = 16.0f;
 /* The same for light on its way to opaque surfaces, where nothing magnifies the rest. */
 static const float FLUX_MIN_LANDING = 1e-4f;
 
@@ -59,6 +62,7 @@ typedef struct Branch {
     TangentPair pairs[TANGENT_COUNT];
     MediumStack stack;
     float entry_area, cell_area; /* 0: not inside yet */
+    float lamp;                  /* m, from a lamp to where its light entered; 0: no matter */
     float start_slope;
     float emitted; /* largest channel of the ray's flux at the light */
     uint32_t bounces;
@@ -149,6 +153,15 @@ static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, 
              * the place of the one at entry. */
             branch->entry_area = tangent_cross_section(&beam.spread, visible);
             branch->cell_area = tangent_cell_area(branch->pairs, branch->d, visible);
+        }
+        if (branch->lamp > 0.0f) {
+            /* A lamp close to the surface: cells are points there, and rays part as from a lamp
+             * inside. */
+            const float growth = 1.0f + visible / branch->lamp;
+            const float scale = fmaxf(growth * growth / GROWTH_MAX, 1.0f);
+            branch->entry_area *= scale;
+            branch->cell_area *= scale;
+            branch->lamp = 0.0f;
         }
         beam.entry_area = branch->entry_area;
         beam.cell_area = branch->cell_area;
@@ -273,14 +286,18 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
         chunk->irregular_count += next_surface.irregular_count;
         chunk->nested_count += next_surface.nested_count;
         if (!is_hit) {
-            if (!is_outside)
+            if (!is_outside) {
                 ++chunk->leak_count;
+                AMB_TRY(emit_beam(chunk, scene, &branch, scene_end(scene, branch.o), 0.0f,
+                                  !params->lands));
+            }
             continue;
         }
         const float length = next_surface.t;
         const Vec3 ng = crossing->surface.ng;
         if (branch.is_direct && is_outside)
-            branch.flux = rgb_scale(branch.flux, disc_falloff(batch->emission.light, length));
+            branch.flux =
+                rgb_scale(branch.flux, disc_falloff(batch->emission.light, ray.way + length));
         const float cos_face = vec3_dot(branch.d, ng);
         if (!is_outside)
             AMB_TRY(emit_beam(chunk, scene, &branch, length, slope(cos_face), !params->lands));
@@ -299,7 +316,9 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
         const Arrival arrival = {&branch, crossing};
         const bool goes_on = crossing->beyond.count > 0 || params->follows_through;
         if (crossing->can_refract && goes_on && waiting_count < ORDER_MAX) {
-            const Branch next = refract_branch(tracer, &arrival);
+            Branch next = refract_branch(tracer, &arrival);
+            if (is_outside && branch.is_direct && batch->emission.light->kind != AMB_LIGHT_SUN)
+                next.lamp = ray.way + length;
             if (is_outside && branch.is_direct)
                 tally_add(chunk->tally.entered, next.flux);
             if (is_worth(tracer, &next))

@@ -3,12 +3,14 @@
 #ifndef AMB_MATH_MAT4_H
 #define AMB_MATH_MAT4_H
 
-#include "math/vec3.h"
+#include "math/vec3d.h"
 
-static inline Vec3 mat4_point(const float m[16], Vec3 p) {
-    return vec3(m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3],
-                m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
-                m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11]);
+static inline Vec3d mat4_point(const float m[16], Vec3 p) {
+    const Vec3d q = vec3d_from(p);
+    const double row[3] = {(double)m[0] * q.x + (double)m[1] * q.y + (double)m[2] * q.z,
+                           (double)m[4] * q.x + (double)m[5] * q.y + (double)m[6] * q.z,
+                           (double)m[8] * q.x + (double)m[9] * q.y + (double)m[10] * q.z};
+    return (Vec3d){row[0] + (double)m[3], row[1] + (double)m[7], row[2] + (double)m[11]};
 }
 
 static inline Vec3 mat4_column(const float m[16], int column) {

@@ -15,6 +15,8 @@ typedef struct SceneCamera {
     float window[4];         /* left, right, bottom, top */
     float clip_start, clip_end;
     float lens_radius, focus_distance;
+    Vec3 target;         /* a ball around all objects, for cameras far from them */
+    float target_radius; /* m */
 } SceneCamera;
 
 typedef struct CameraRay {

@@ -3,6 +3,7 @@
 #include "scene/light.h"
 
 #include "amberlight/amberlight.h"
+#include "math/vec3d.h"
 
 /* Full extent of the uniform interval whose variance is that of one coordinate of a disc of
  * radius 1: sqrt(12 * 1/4). Tangent pairs are measured in full extents. */
@@ -10,11 +11,14 @@ static const float DISC_EXTENT = 1.7320508f;
 
 /* Relative intensity of a spot in unit direction d of travel. */
 static float spot_factor(const SceneLight *light, Vec3 d) {
-    const float cos_axis = vec3_dot(d, light->direction);
-    if (cos_axis <= light->cos_outer)
+    /* 1 - cos from the difference of unit vectors: cones of a milliradian keep their edge. */
+    const Vec3 aside = vec3_sub(d, light->direction);
+    const float cap = 0.5f * vec3_dot(aside, aside);
+    if (cap >= light->spot_cap)
         return 0.0f;
-    const float width = (1.0f - light->cos_outer) * light->spot_blend;
-    const float x = width > 0.0f ? fminf((cos_axis - light->cos_outer) / width, 1.0f) : 1.0f;
+    const float cos_axis = 1.0f - cap;
+    const float width = light->spot_cap * light->spot_blend;
+    const float x = width > 0.0f ? fminf((light->spot_cap - cap) / width, 1.0f) : 1.0f;
     const float edge = x * x * (3.0f - 2.0f * x);
     return light->spot_cosine > 0.0f ? edge * cos_axis : edge;
 }
@@ -95,6 +99,7 @@ LightArrival light_arrival(const SceneLight *light, Vec3 p, Sample2 u) {
 typedef struct Cap {
     Vec3 axis;
     float one_minus_cos;
+    bool is_aimed; /* at the target */
 } Cap;
 
 /* Smallest cap of directions from y that covers what the light can send at the target. */
@@ -103,16 +108,45 @@ static Cap emission_cap(const LightEmission *emission, Vec3 y) {
     const Vec3 to_target = vec3_sub(emission->target, y);
     const float distance = vec3_length(to_target);
     const float reach = emission->target_radius + light->radius;
-    Cap cap = {vec3(0, 0, 1), 2.0f};
+    Cap cap = {vec3(0, 0, 1), 2.0f, false};
     if (distance > reach) {
         const float sine = reach / distance;
         cap.axis = vec3_scale(to_target, 1.0f / distance);
+        cap.is_aimed = true;
         /* 1 - cos by sin^2 / (1 + cos): no cancellation for a small, far target. */
         cap.one_minus_cos = sine * sine / (1.0f + safe_sqrtf(1.0f - sine * sine));
     }
-    if (light->kind == AMB_LIGHT_SPOT && 1.0f - light->cos_outer < cap.one_minus_cos)
-        cap = (Cap){light->direction, 1.0f - light->cos_outer};
+    if (light->kind == AMB_LIGHT_SPOT && light->spot_cap < cap.one_minus_cos)
+        cap = (Cap){light->direction, light->spot_cap, false};
     return cap;
+}
+
+/* A light this many times as far away as the rays of a sun start is far: where its rays meet the
+ * target, single precision counted from the light has few digits left. */
+static const float FAR_SHARE = 8.0f;
+
+/* Starts a ray of the cap's direction `local` from y near the target instead, in double. */
+static void start_near_target(const LightEmission *emission, const Cap *cap, Vec3 x, Vec3 y,
+                              Vec3 local, LightRay *ray) {
+    const Vec3d to_target = vec3d_sub(vec3d_from(emission->target), vec3d_from(ray->o));
+    const double distance = vec3d_length(to_target);
+    const double near = (double)emission->distance;
+    if (!(near > 0.0) || !(distance > (double)FAR_SHARE * near) || !(local.z > 0.0f))
+        return;
+    Vec3d axis = cap->is_aimed ? to_target : vec3d_from(cap->axis);
+    axis = vec3d_scale(axis, 1.0 / vec3d_length(axis));
+    Vec3d d = vec3d_scale(axis, (double)local.z);
+    d = vec3d_madd(d, (double)local.x, vec3d_from(x));
+    d = vec3d_madd(d, (double)local.y, vec3d_from(y));
+    d = vec3d_scale(d, 1.0 / vec3d_length(d));
+    const double way = vec3d_dot(to_target, d) - near;
+    if (!(way > 0.0))
+        return;
+    ray->o = vec3d_round(vec3d_madd(vec3d_from(ray->o), way, d));
+    ray->d = vec3d_round(d);
+    ray->way = (float)way;
+    for (int k = 0; k < TANGENT_COUNT; ++k)
+        ray->pairs[k].dp = vec3_madd(ray->pairs[k].dp, ray->way, ray->pairs[k].dd);
 }
 
 static Sample2 source_sample(const LightEmission *emission, uint64_t i) {
@@ -162,7 +196,9 @@ LightRay light_emit(const LightEmission *emission, uint64_t i) {
     const Cap cap = emission_cap(emission, ray.o);
     Vec3 x, y;
     vec3_frame(cap.axis, &x, &y);
-    ray.d = vec3_normalize(frame_to_world(x, y, cap.axis, sample_cap(lattice, cap.one_minus_cos)));
+    const Vec3 local = sample_cap(lattice, cap.one_minus_cos);
+    ray.d = vec3_normalize(frame_to_world(x, y, cap.axis, local));
+    const Vec3 cap_x = x, cap_y = y;
     vec3_frame(ray.d, &x, &y);
     if (light->kind == AMB_LIGHT_AREA) {
         /* Seen from another point of the light, the cap turns about the target. */
@@ -187,6 +223,7 @@ LightRay light_emit(const LightEmission *emission, uint64_t i) {
     ray.flux = rgb_scale(light->color, scale * cell);
     ray.pairs[0].dd = vec3_scale(x, sqrtf(cell));
     ray.pairs[1].dd = vec3_scale(y, sqrtf(cell));
+    start_near_target(emission, &cap, cap_x, cap_y, local, &ray);
     return ray;
 }
 

@@ -14,11 +14,11 @@ typedef struct SceneLight {
     uint32_t kind; /* AMB_LIGHT_* */
     Rgb color;
     Vec3 position;
-    Vec3 direction;  /* unit, of travel */
-    Vec3 x, y;       /* unit; with direction a frame. AREA: along its extents */
-    float radius;    /* POINT, SPOT */
-    float angle;     /* SUN: angular radius */
-    float cos_outer; /* SPOT: of half its size */
+    Vec3 direction; /* unit, of travel */
+    Vec3 x, y;      /* unit; with direction a frame. AREA: along its extents */
+    float radius;   /* POINT, SPOT */
+    float angle;    /* SUN: angular radius */
+    float spot_cap; /* SPOT: 1 - cos of half its size, with the digits of a narrow one */
     float spot_blend, spot_cosine;
     float size[2]; /* AREA: half extents (half-axes of an ellipse) */
     uint32_t area_shape;
@@ -44,13 +44,14 @@ typedef struct LightEmission {
     const SceneLight *light;
     Vec3 target;         /* centre of the sphere, world */
     float target_radius; /* m */
-    float distance;      /* SUN: how far back rays start */
+    float distance;      /* where rays of a sun and of far lights start, before the target */
     uint64_t count;
     float shift_u, shift_v; /* of the lattice and of the source samples, from the seed */
 } LightEmission;
 
 typedef struct LightRay {
     Vec3 o, d; /* d unit */
+    float way; /* m, travelled before o: rays of far lights start near the target */
     Rgb flux;  /* W that the ray stands for; black: not emitted */
     TangentPair pairs[TANGENT_COUNT];
 } LightRay;

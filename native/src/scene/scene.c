@@ -58,6 +58,67 @@ static AmbStatus choose_medium(const AmbScene *scene, SceneObject *object) {
     return AMB_OK;
 }
 
+/* Where the corners of a triangle are, beginning with the least: equal for triangles that lie on
+ * each other and wind alike, whatever vertices they have. */
+typedef struct Place {
+    Vec3 p[3];
+} Place;
+
+static Place place_of(const SceneMesh *mesh, uint64_t triangle) {
+    const uint32_t *i = corner_indices(mesh, triangle);
+    int least = 0;
+    for (int k = 1; k < 3; ++k) {
+        const Vec3 a = mesh->positions[i[k]], b = mesh->positions[i[least]];
+        if (a.x < b.x || (a.x == b.x && (a.y < b.y || (a.y == b.y && a.z < b.z))))
+            least = k;
+    }
+    Place place;
+    for (int k = 0; k < 3; ++k) {
+        const Vec3 p = mesh->positions[i[(least + k) % 3]];
+        place.p[k] = vec3_add(p, vec3(0, 0, 0)); /* no -0: it has other bits than 0 */
+    }
+    return place;
+}
+
+static uint64_t hash_place(const Place *place) {
+    uint32_t words[sizeof *place / sizeof(uint32_t)];
+    memcpy(words, place, sizeof words);
+    uint64_t hash = 0;
+    for (size_t i = 0; i < sizeof words / sizeof words[0]; ++i) {
+        hash = (hash ^ words[i]) * UINT64_C(0x9E3779B97F4A7C15);
+        hash ^= hash >> 29;
+    }
+    return hash;
+}
+
+/* Makes points of triangles that lie on another one: light would enter through each of them. */
+static AmbStatus drop_duplicates(SceneMesh *mesh) {
+    enum { NONE = UINT32_MAX };
+    uint64_t room = 16;
+    while (room < 2 * mesh->triangle_count)
+        room *= 2;
+    uint32_t *table = memory_alloc_array(room, sizeof *table);
+    if (table == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory to check the mesh \"%s\"", mesh->name);
+    memset(table, 0xFF, room * sizeof *table);
+    for (uint64_t t = 0; t < mesh->triangle_count; ++t) {
+        const Place place = place_of(mesh, t);
+        uint64_t slot = hash_place(&place) & (room - 1);
+        bool is_duplicate = false;
+        for (; table[slot] != (uint32_t)NONE && !is_duplicate; slot = (slot + 1) & (room - 1)) {
+            const Place other = place_of(mesh, table[slot]);
+            is_duplicate = memcmp(&place, &other, sizeof place) == 0;
+        }
+        uint32_t *corners = mesh->triangles + 3 * t;
+        if (is_duplicate)
+            corners[1] = corners[2] = corners[0];
+        else
+            table[slot] = (uint32_t)t;
+    }
+    memory_free(table);
+    return AMB_OK;
+}
+
 static void bound_object(const SceneMesh *mesh, SceneObject *object) {
     Vec3 low = vec3(INFINITY, INFINITY, INFINITY);
     Vec3 high = vec3_negate(low);
@@ -98,14 +159,15 @@ static AmbStatus place_normals(const SceneMesh *mesh, SceneObject *object) {
     return AMB_OK;
 }
 
-static AmbStatus place_object(AmbScene *scene, SceneObject *object) {
+static AmbStatus place_object(AmbScene *scene, SceneObject *object, Vec3d origin) {
     const SceneMesh *mesh = &scene->meshes[object->mesh];
     /* One more vertex: Embree reads 16 bytes at each. */
     object->positions = memory_alloc_array(mesh->vertex_count + 1, sizeof(Vec3));
     if (object->positions == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory to place \"%s\"", object->name);
     for (uint64_t i = 0; i < mesh->vertex_count; ++i) {
-        object->positions[i] = mat4_point(object->to_world, mesh->positions[i]);
+        const Vec3d place = mat4_point(object->to_world, mesh->positions[i]);
+        object->positions[i] = vec3d_round(vec3d_sub(place, origin));
         if (!vec3_is_finite(object->positions[i]))
             return status_fail(AMB_INVALID_ARGUMENT,
                                "vertex %llu of \"%s\" is not finite in world space",
@@ -210,12 +272,48 @@ static AmbStatus light_from_world(AmbScene *scene) {
     return AMB_OK;
 }
 
+/* How far from the origin of the world a scene may be, in units of its own extent, before it gets
+ * an origin of its own: the last that costs single precision no more than two bits. */
+static const double ORIGIN_EXTENTS = 4.0;
+
+/* Where coordinates are counted from: 0 for scenes near the origin of the world, whose numbers then
+ * stay as they are given, else a place near the objects. A multiple of a power of two above their
+ * extent, so that differences of coordinates are exact. */
+static Vec3d choose_origin(const AmbScene *scene) {
+    Vec3d low = {(double)INFINITY, (double)INFINITY, (double)INFINITY};
+    Vec3d high = vec3d_negate(low);
+    for (uint32_t i = 0; i < scene->object_count; ++i) {
+        const SceneMesh *mesh = &scene->meshes[scene->objects[i].mesh];
+        for (uint64_t v = 0; v < (mesh->triangle_count > 0 ? mesh->vertex_count : 0); ++v) {
+            const Vec3d p = mat4_point(scene->objects[i].to_world, mesh->positions[v]);
+            low = (Vec3d){fmin(low.x, p.x), fmin(low.y, p.y), fmin(low.z, p.z)};
+            high = (Vec3d){fmax(high.x, p.x), fmax(high.y, p.y), fmax(high.z, p.z)};
+        }
+    }
+    const Vec3d none = {0.0, 0.0, 0.0};
+    const double extent = fmax(fmax(high.x - low.x, high.y - low.y), high.z - low.z);
+    if (!(extent > 0.0) || !isfinite(extent))
+        return none;
+    int exponent;
+    frexp(ORIGIN_EXTENTS * extent, &exponent);
+    const double step = ldexp(1.0, exponent);
+    const Vec3d middle = vec3d_scale(vec3d_add(low, high), 0.5 / step);
+    return vec3d_scale((Vec3d){round(middle.x), round(middle.y), round(middle.z)}, step);
+}
+
+static Vec3 moved(Vec3 p, Vec3d origin) {
+    return vec3d_round(vec3d_sub(vec3d_from(p), origin));
+}
+
 AmbStatus scene_commit(AmbScene *scene) {
     if (!scene->has_camera)
         return status_fail(AMB_INVALID_ARGUMENT, "the scene has no camera");
     AmbStatus status = AMB_OK;
+    for (uint32_t i = 0; i < scene->mesh_count && status == AMB_OK; ++i)
+        status = drop_duplicates(&scene->meshes[i]);
+    const Vec3d origin = choose_origin(scene);
     for (uint32_t i = 0; i < scene->object_count && status == AMB_OK; ++i)
-        status = place_object(scene, &scene->objects[i]);
+        status = place_object(scene, &scene->objects[i], origin);
     if (status == AMB_OK)
         status = light_from_world(scene);
     if (status != AMB_OK) {
@@ -226,6 +324,11 @@ AmbStatus scene_commit(AmbScene *scene) {
     }
     bound_scene(scene);
     find_neighbours(scene);
+    for (uint32_t i = 0; i < scene->light_count; ++i)
+        scene->lights[i].position = moved(scene->lights[i].position, origin);
+    scene->camera.position = moved(scene->camera.position, origin);
+    scene->camera.target = scene->center;
+    scene->camera.target_radius = scene->radius;
     scene->is_committed = true;
     return AMB_OK;
 }

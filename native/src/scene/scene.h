@@ -67,6 +67,7 @@ struct AmbScene {
     SceneCamera camera;
     bool has_camera;
     bool is_committed;
+    /* Places in a committed scene are counted from an origin of its own: see scene_commit. */
     Vec3 center;  /* bounding sphere of all objects */
     float radius; /* 0: empty scene */
     /* Built by the first render, under the lock; const once is_built. */
@@ -119,6 +120,12 @@ Vec3 scene_position(const AmbScene *scene, const Hit *hit);
 
 /* Derivative of the shading normal at a hit for a displacement dp in the triangle's plane. */
 Vec3 scene_normal_derivative(const AmbScene *scene, const Hit *hit, Vec3 dp);
+
+/* Length of a stretch from p that meets nothing: through a hole in the mesh the medium would go on
+ * for ever; it ends where the scene does. */
+static inline float scene_end(const AmbScene *scene, Vec3 p) {
+    return scene->radius + vec3_length(vec3_sub(p, scene->center));
+}
 
 /* A ray origin just off the surface on the side that d leaves to. */
 Vec3 scene_leave(const SurfacePoint *surface, Vec3 d);

@@ -146,14 +146,15 @@ Photon photon_emit(const PhotonSource *source, uint64_t i) {
     if (batch->emission.light == NULL)
         return emit_line(batch, i - batch->first);
     const LightRay ray = light_emit(&batch->emission, i - batch->first);
-    return (Photon){.o = ray.o, .d = ray.d, .flux = ray.flux, .batch = batch};
+    return (Photon){.o = ray.o, .d = ray.d, .way = ray.way, .flux = ray.flux, .batch = batch};
 }
 
 float photon_falloff(const Photon *photon, float t) {
     const SceneLight *light = photon->batch->emission.light;
     if (light == NULL || !(light->radius > 0.0f))
         return 1.0f;
-    return t * t / (t * t + light->radius * light->radius);
+    const float distance = photon->way + t;
+    return distance * distance / (distance * distance + light->radius * light->radius);
 }
 
 Rgb photon_surface_radiance(const AmbScene *scene, const SurfacePoint *surface, Vec3 d, Rng rng,

@@ -22,6 +22,7 @@ typedef struct PhotonSource {
 
 typedef struct Photon {
     Vec3 o, d; /* d unit */
+    float way; /* m, travelled before o */
     Rgb flux;  /* W; from the surroundings: for a radiance of 1 */
     const PhotonBatch *batch;
 } Photon;

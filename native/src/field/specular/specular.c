@@ -95,7 +95,7 @@ static bool misses_spot(const SpecularFace *face, const Six *six, double size) {
     const Vec3d p = six->lines[3].p;
     const Vec3d to = vec3d_sub(p, face->to_light);
     const double distance = vec3d_length(to);
-    const double outer = acos((double)clampf(light->cos_outer, -1.0f, 1.0f));
+    const double outer = 2.0 * asin(sqrt(0.5 * (double)light->spot_cap));
     const double cosine = vec3d_dot(to, vec3d_from(light->direction)) / distance;
     const double angle = acos(fmin(fmax(cosine, -1.0), 1.0));
     const double half = size < distance ? asin(size / distance) : (double)AMB_PI;

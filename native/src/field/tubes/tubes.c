@@ -14,6 +14,7 @@ enum {
     GRAIN = 256,             /* triangles of one unit of work */
     REFLECTED_MAX = 1 << 17, /* reflected tubes of an object, apart from four for each triangle */
     COARSE_LEVELS = 8, /* halvings at most of a triangle that is too large for what happens in it */
+    NEAR_LEVELS = 20,  /* the same where a lamp is next to it */
     GAP_SURFACE_MAX = 8, /* other things between leaving an object and coming back */
     EDGE_LEVELS = 3      /* further halvings where a shadow or a jump of the exit cuts a tube */
 };
@@ -90,10 +91,14 @@ static float light_limit(const Face *face, Vec3 p, Vec3 w, const Hit *exit) {
 
 LineEnd tube_line_end(const Face *face, Vec3 from, Vec3 w) {
     LineEnd end = {.is_there = false};
-    if (scene_intersect(face->cutter->scene, from, w, INFINITY, &end.exit)) {
+    const AmbScene *scene = face->cutter->scene;
+    if (scene_intersect(scene, from, w, INFINITY, &end.exit)) {
         end.is_there = true;
         end.reach = end.exit.t;
         end.limit = light_limit(face, from, w, &end.exit);
+    } else {
+        end.reach = scene_end(scene, from);
+        end.limit = fmaxf(end.reach, LIMIT_MAX * scene->objects[face->cutter->object].radius);
     }
     return end;
 }
@@ -211,10 +216,21 @@ static bool misses_spot(const Face *face, const Corner corners[3], float size) {
     const Vec3 sum = vec3_add(vec3_add(corners[0].x, corners[1].x), corners[2].x);
     const Vec3 to = vec3_sub(vec3_scale(sum, 1.0f / 3.0f), light->position);
     const float distance = vec3_length(to);
-    const float outer = acosf(clampf(light->cos_outer, -1.0f, 1.0f));
-    const float angle = acosf(clampf(vec3_dot(to, light->direction) / distance, -1.0f, 1.0f));
+    const float outer = 2.0f * asinf(sqrtf(0.5f * light->spot_cap));
+    /* Not by acos, which does not know angles below a milliradian. */
+    const Vec3 aside = vec3_sub(vec3_scale(to, 1.0f / distance), light->direction);
+    const float angle = 2.0f * asinf(fminf(0.5f * vec3_length(aside), 1.0f));
     const float half = size < distance ? asinf(size / distance) : AMB_PI;
     return half > SPOT_SHARE_MAX * outer && angle < outer + half;
+}
+
+/* How far above the plane of the corners the lamp is, m. */
+static float lamp_height(const Face *face, const Corner corners[3]) {
+    const Vec3 a = corners[0].x;
+    const Vec3 n = vec3_cross(vec3_sub(corners[1].x, a), vec3_sub(corners[2].x, a));
+    const float length = vec3_length(n);
+    const float height = vec3_dot(vec3_sub(face->light->position, a), n);
+    return length > 0.0f ? fabsf(height) / length : 0.0f;
 }
 
 static bool is_coarse(const Face *face, const Corner corners[3]) {
@@ -226,6 +242,23 @@ static bool is_coarse(const Face *face, const Corner corners[3]) {
     const float size = tube_largest_difference(x);
     return size > TUBE_SIZE_SHARE_MAX * share * radius ||
            tube_largest_difference(w) > TUBE_ANGLE_MAX * share || misses_spot(face, corners, size);
+}
+
+/* Whether a lamp is so near that its light differs too much between the corners, or its cone so
+ * narrow that it falls between them: cut as often as it takes, for that is around one place. */
+static bool is_near_lamp(const Face *face, const Corner corners[3]) {
+    if (face->light->kind == AMB_LIGHT_SUN)
+        return false;
+    const Vec3 x[3] = {corners[0].x, corners[1].x, corners[2].x};
+    if (misses_spot(face, corners, tube_largest_difference(x)))
+        return true;
+    const float share = ldexpf(1.0f, -(int)face->cutter->params->refinement);
+    float distance = INFINITY;
+    for (int k = 0; k < 3; ++k)
+        distance = fminf(distance, vec3_length(vec3_sub(x[k], face->light->position)));
+    const float size = tube_largest_difference(x);
+    /* From outside, the lamp's foot may be in the middle. */
+    return size > TUBE_ANGLE_MAX * share * fmaxf(distance - size, lamp_height(face, corners));
 }
 
 /* Whether the edge of a shadow or of a gap runs between the corners. */
@@ -283,7 +316,8 @@ static AmbStatus emit_tube(const Face *face, const Corner corners[3], uint32_t l
 
 static AmbStatus cut(const Face *face, const Corner corners[3], uint32_t level, uint32_t edges) {
     const uint32_t refinement = face->cutter->params->refinement;
-    bool divides = level < refinement || (level < COARSE_LEVELS && is_coarse(face, corners));
+    bool divides = level < refinement || (level < COARSE_LEVELS && is_coarse(face, corners)) ||
+                   (level >= COARSE_LEVELS && level < NEAR_LEVELS && is_near_lamp(face, corners));
     if (!divides && edges < EDGE_LEVELS && is_cut(corners)) {
         divides = true;
         ++edges;
