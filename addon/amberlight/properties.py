@@ -218,6 +218,17 @@ class AmberlightSceneSettings(bpy.types.PropertyGroup):
     )
 
 
+class AmberlightMaterialSettings(bpy.types.PropertyGroup):
+    priority: IntProperty(
+        name="Priority",
+        description="Where objects overlap, the medium with the highest priority fills the common "
+        "part; with equal ones it is that of the object that a ray entered last",
+        soft_min=-10,
+        soft_max=10,
+        default=0,
+    )
+
+
 def read_settings(scene: bpy.types.Scene) -> Settings:
     """The settings of a scene as plain values."""
     group: Any = scene.amberlight
@@ -226,9 +237,13 @@ def read_settings(scene: bpy.types.Scene) -> Settings:
 
 def register() -> None:
     bpy.utils.register_class(AmberlightSceneSettings)
+    bpy.utils.register_class(AmberlightMaterialSettings)
     bpy.types.Scene.amberlight = PointerProperty(type=AmberlightSceneSettings)
+    bpy.types.Material.amberlight = PointerProperty(type=AmberlightMaterialSettings)
 
 
 def unregister() -> None:
+    del bpy.types.Material.amberlight
     del bpy.types.Scene.amberlight
+    bpy.utils.unregister_class(AmberlightMaterialSettings)
     bpy.utils.unregister_class(AmberlightSceneSettings)

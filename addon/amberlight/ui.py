@@ -255,6 +255,14 @@ class AMBERLIGHT_MATERIAL_PT_volume(_MaterialPanel, bpy.types.Panel):
         draw_node_input(self.column(self.layout), context.material.node_tree, "Volume")
 
 
+class AMBERLIGHT_MATERIAL_PT_overlap(_MaterialPanel, bpy.types.Panel):
+    bl_label = "Overlap"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Any) -> None:
+        self.column(self.layout).prop(context.material.amberlight, "priority")
+
+
 class AMBERLIGHT_MATERIAL_PT_new(_Panel, bpy.types.Panel):
     bl_label = "Translucent"
     bl_context = "material"
@@ -289,6 +297,9 @@ SHADERS = (
     ("ShaderNodeBsdfTransparent", "Transparent BSDF"),
     ("ShaderNodeEmission", "Emission"),
     ("ShaderNodeBackground", "Background"),
+    ("ShaderNodeTexEnvironment", "Environment Texture"),
+    ("ShaderNodeMapping", "Mapping"),
+    ("ShaderNodeTexCoord", "Texture Coordinate"),
     ("ShaderNodeVolumeScatter", "Volume Scatter"),
     ("ShaderNodeVolumeAbsorption", "Volume Absorption"),
     ("ShaderNodeVolumePrincipled", "Principled Volume"),
@@ -330,6 +341,7 @@ CLASSES = (
     AMBERLIGHT_MATERIAL_PT_new,
     AMBERLIGHT_MATERIAL_PT_surface,
     AMBERLIGHT_MATERIAL_PT_volume,
+    AMBERLIGHT_MATERIAL_PT_overlap,
     AMBERLIGHT_VIEWLAYER_PT_passes,
     AMBERLIGHT_MT_shaders,
 )

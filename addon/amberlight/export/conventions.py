@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from ctypes import c_float
+from typing import Any
 
 from .scene_data import RGB, PhaseLobe
 
@@ -196,6 +197,17 @@ def merge_lobes(lobes: Iterable[PhaseLobe]) -> tuple[tuple[PhaseLobe, ...], bool
             PhaseLobe(added(a.sigma_s, b.sigma_s), share * a.g + (1.0 - share) * b.g)
         ]
     return tuple(merged), approximate
+
+
+# ---- World ---------------------------------------------------------------------------------------
+
+
+def srgb_to_linear(values: Any) -> Any:
+    """Numbers of an 8-bit sRGB image (0 .. 1) as scene-linear ones (IEC 61966-2-1); an array."""
+    low = values / 12.92
+    high = ((abs(values) + 0.055) / 1.055) ** 2.4
+    dark = values <= 0.04045
+    return low * dark + high * ~dark
 
 
 # ---- Boundary ------------------------------------------------------------------------------------

@@ -11,9 +11,10 @@ import bpy
 from . import conventions as conv
 from .export_log import ExportLog
 from .extract_camera import matrix_rows, read_camera
-from .extract_light import read_light, read_world
+from .extract_light import read_light
 from .extract_material import read_material
 from .extract_mesh import is_changed_by_reading, read_mesh
+from .extract_world import read_world
 from .scene_data import ObjectData, SceneData
 
 CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}
@@ -32,7 +33,8 @@ def extract_scene(
             camera.evaluated_get(depsgraph) if camera else None, scene.render, log
         )
     exporter.objects()
-    exporter.data.world = read_world(scene.world, exporter.version, log)
+    data = exporter.data
+    data.world, data.world_image = read_world(scene.world, exporter.version, log)
     return exporter.data
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's lights and world -> LightData and a colour, in Cycles' units."""
+"""Blender's lights -> LightData, in Cycles' units."""
 
 from __future__ import annotations
 
@@ -82,21 +82,6 @@ def read_light(
         spot_blend=light.spot_blend,
         spot_cosine=1.0 if conv.spot_has_cosine(version) else 0.0,
     )
-
-
-def read_world(world: Any, version: conv.Version, log: ExportLog) -> RGB:
-    """Constant radiance of the surroundings."""
-    if world is None:
-        return BLACK
-    where = f'world "{world.name}"'
-    if not (world.node_tree and (version >= (5, 0) or world.use_nodes)):
-        return (world.color[0], world.color[1], world.color[2])
-    reader = TreeReader(world.node_tree, where, log)
-    output = reader.output("OUTPUT_WORLD")
-    if output is not None and reader.is_linked(output, "Volume"):
-        reader.warn(output, "the volume of the world is ignored")
-    radiance = emission_of(reader, "OUTPUT_WORLD", "world")
-    return (max(radiance[0], 0.0), max(radiance[1], 0.0), max(radiance[2], 0.0))
 
 
 def emission_of(reader: TreeReader, kind: str, what: str) -> RGB:

@@ -47,7 +47,9 @@ def read_material(material: Any, where: str, version: conv.Version, log: ExportL
         color = material.diffuse_color
         return MaterialData(name, albedo=(color[0], color[1], color[2]))
     reader = _MaterialReader(material.node_tree, f'{where}, material "{name}"', version, log)
-    return replace(reader.read(), name=name)
+    # Nothing of ours is there where only the exporter runs.
+    priority = getattr(getattr(material.original, "amberlight", None), "priority", 0)
+    return replace(reader.read(), name=name, priority=priority)
 
 
 class _MaterialReader(TreeReader):

@@ -54,6 +54,7 @@ class MaterialData:
     reflect_color: RGB = WHITE
     ior: float = 1.0
     medium: MediumData = MediumData()
+    priority: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +112,15 @@ class CameraData:
     focus_distance: float = 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class WorldImageData:
+    """radiance: (height, width, 3) float32, equirectangular, row 0 at the bottom; to_world: 3x3,
+    row-major, of the image's axes."""
+
+    radiance: NDArray[np.float32]
+    to_world: Matrix
+
+
 @dataclass
 class SceneData:
     materials: list[MaterialData] = field(default_factory=list)
@@ -118,4 +128,5 @@ class SceneData:
     objects: list[ObjectData] = field(default_factory=list)
     lights: list[LightData] = field(default_factory=list)
     world: RGB = BLACK
+    world_image: WorldImageData | None = None
     camera: CameraData | None = None

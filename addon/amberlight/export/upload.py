@@ -25,7 +25,10 @@ def upload(data: SceneData, scene: Scene) -> None:
         scene.add_object(placed.name, placed.mesh, placed.to_world, placed.materials)
     for light in data.lights:
         add_light(scene, light)
-    scene.set_world(data.world)
+    if data.world_image:
+        scene.set_world_image(data.world_image.radiance, data.world_image.to_world)
+    else:
+        scene.set_world(data.world)
     if data.camera:
         set_camera(scene, data.camera)
 
@@ -40,6 +43,7 @@ def add_material(scene: Scene, material: MaterialData) -> int:
         transmit_color=material.transmit_color,
         reflect_color=material.reflect_color,
         ior=material.ior,
+        priority=material.priority,
         sigma_a=material.medium.sigma_a,
         lobes=[(lobe.sigma_s, lobe.g) for lobe in material.medium.lobes],
     )

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender's world -> a constant radiance and an image of it, in Cycles' units and orientation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from mathutils import Euler
+
+from ..binding.handles import import_numpy
+from . import conventions as conv
+from .export_log import ExportLog
+from .node_tree import Path, Source, TreeReader
+from .scene_data import BLACK, RGB, WHITE, WorldImageData
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+# Names of linear spaces, in which the numbers of 8-bit images mean what they say.
+LINEAR = {"Non-Color", "Raw", "Linear", "Linear Rec.709"}
+
+
+@dataclass(frozen=True)
+class Texture:
+    """An Environment Texture and the factor on its colour."""
+
+    node: Any
+    path: Path
+    factor: RGB
+
+
+def read_world(
+    world: Any, version: conv.Version, log: ExportLog
+) -> tuple[RGB, WorldImageData | None]:
+    """Radiance of the surroundings: constant where there is no image, else in the image."""
+    if world is None:
+        return BLACK, None
+    where = f'world "{world.name}"'
+    if not (world.node_tree and (version >= (5, 0) or world.use_nodes)):
+        return (world.color[0], world.color[1], world.color[2]), None
+    return _WorldReader(world.node_tree, where, log).read()
+
+
+class _WorldReader(TreeReader):
+    def read(self) -> tuple[RGB, WorldImageData | None]:
+        output = self.output("OUTPUT_WORLD")
+        if output is None:
+            return BLACK, None
+        if self.is_linked(output, "Volume"):
+            self.warn(output, "the volume of the world is ignored")
+        constant, textures = self.terms(output.inputs["Surface"], ())
+        for texture in textures[1:]:
+            self.warn(texture.node, "a second image of the world is left out")
+        image = self.image(textures[0], constant) if textures else None
+        if isinstance(image, tuple):
+            constant, image = image, None
+        return _positive(constant), image
+
+    # ---- Nodes -----------------------------------------------------------------------------------
+
+    def terms(self, socket: Any, path: Path) -> tuple[RGB, list[Texture]]:
+        """Sum of the Emission and Background nodes behind a shader socket."""
+        source = self.source(socket, path)
+        node, path = source.node, source.path
+        if node is None:
+            return BLACK, []
+        if node.type == "ADD_SHADER":
+            return _sum([(1.0, self.terms(inner, path)) for inner in node.inputs[:2]])
+        if node.type == "MIX_SHADER":
+            factor = min(max(self.number(node, node.inputs[0].name, path), 0.0), 1.0)
+            return _sum(
+                [
+                    (1.0 - factor, self.terms(node.inputs[1], path)),
+                    (factor, self.terms(node.inputs[2], path)),
+                ]
+            )
+        if node.type in {"EMISSION", "BACKGROUND"}:
+            strength = self.number(node, "Strength", path)
+            return _sum([(strength, self.colors(node, "Color", path))])
+        self.warn(node, f"{node.bl_label} is not understood in a world, white is used")
+        return WHITE, []
+
+    def colors(self, node: Any, name: str, path: Path) -> tuple[RGB, list[Texture]]:
+        """A colour socket: a constant, or a texture, which a constant may multiply."""
+        source = self.source(node.inputs[name], path)
+        if source.node is not None and source.node.type == "TEX_ENVIRONMENT":
+            return BLACK, [Texture(source.node, source.path, WHITE)]
+        product = self.product(source) if source.node is not None else None
+        if product is not None:
+            return BLACK, [product]
+        return self.color(node, name, path), []
+
+    def product(self, source: Source) -> Texture | None:
+        """A Mix node that multiplies a texture by a constant colour."""
+        node, path = source.node, source.path
+        if node.type not in {"MIX", "MIX_RGB"} or getattr(node, "blend_type", "") != "MULTIPLY":
+            return None
+        # The sockets of Mix have names in common, one for each type of data.
+        sockets = [s for s in node.inputs if s.type == "RGBA"]
+        factors = [s for s in node.inputs if s.type == "VALUE" and s.enabled]
+        if len(sockets) != 2 or not factors or any(link for s in factors for link in s.links):
+            return None
+        share = min(max(float(factors[0].default_value), 0.0), 1.0)
+        sources = [self.source(s, path) for s in sockets]
+        for texture, other in (sources, sources[::-1]):
+            if texture.node is None or texture.node.type != "TEX_ENVIRONMENT":
+                continue
+            value = self._evaluate(other)
+            if value is None or (share < 1.0 and texture is sources[1]):
+                return None
+            color = (value, value, value) if isinstance(value, float) else value
+            factor = conv.added(conv.scaled(color, share), conv.scaled(WHITE, 1.0 - share))
+            return Texture(texture.node, texture.path, factor)
+        return None
+
+    def rotation(self, texture: Texture) -> tuple[tuple[float, ...], ...]:
+        """Of the image's axes in the world, from a Mapping node."""
+        source = self.source(texture.node.inputs["Vector"], texture.path)
+        node, path = source.node, source.path
+        if node is None or _is_direction(source):
+            return IDENTITY
+        if node.type != "MAPPING":
+            self.warn(node, f"{node.bl_label} is not understood as a direction of the world")
+            return IDENTITY
+        inner = self.source(node.inputs["Vector"], path)
+        if not _is_direction(inner):
+            self.warn(node, "its vector is taken as the direction of the world")
+        scale = self.color(node, "Scale", path)
+        if max(scale) - min(scale) > 1e-5 * max(map(abs, scale)) or min(scale) <= 0.0:
+            self.warn(node, "its scale is ignored")
+        if node.vector_type in {"POINT", "TEXTURE"} and any(self.color(node, "Location", path)):
+            self.warn(node, "its location is ignored")
+        matrix = Euler(self.color(node, "Rotation", path), "XYZ").to_matrix()
+        # A point is turned by the matrix, a texture against it: of what is looked up that is the
+        # other way round.
+        if node.vector_type != "TEXTURE":
+            matrix = matrix.transposed()
+        return tuple(tuple(row) for row in matrix)
+
+    # ---- Pixels ----------------------------------------------------------------------------------
+
+    def image(self, texture: Texture, constant: RGB) -> WorldImageData | RGB:
+        """The radiance image; or its mean, with the constant, where it cannot be one."""
+        pixels = self.pixels(texture)
+        if pixels is None:
+            return constant
+        np = import_numpy()
+        radiance = pixels * np.array(texture.factor, np.float32) + np.array(constant, np.float32)
+        finite = np.isfinite(radiance)
+        if not finite.all():
+            self.warn(texture.node, "pixels that are not finite are limited to the largest one")
+            largest = radiance[finite].max() if finite.any() else 0.0
+            radiance = np.nan_to_num(radiance, nan=0.0, posinf=largest, neginf=0.0)
+        radiance = np.maximum(radiance, 0.0).astype(np.float32, copy=False)
+        if texture.node.projection != "EQUIRECTANGULAR":
+            self.warn(texture.node, "mirror balls are not supported, the image's mean is used")
+            mean = radiance.mean(axis=(0, 1), dtype=np.float64)
+            return (float(mean[0]), float(mean[1]), float(mean[2]))
+        return WorldImageData(radiance, self.rotation(texture))
+
+    def pixels(self, texture: Texture) -> NDArray[np.float32] | None:
+        """(height, width, 3), scene-linear, row 0 at the bottom."""
+        image = texture.node.image
+        if image is None:
+            self.warn(texture.node, "it has no image and is left out")
+            return None
+        if image.source in {"SEQUENCE", "MOVIE", "TILED"}:
+            kind = image.source.lower()
+            self.warn(texture.node, f"an image of kind {kind} is read as one image")
+        np = import_numpy()
+        width, height = image.size
+        flat = np.empty(len(image.pixels), np.float32)
+        if width * height == 0 or flat.size < width * height:
+            self.warn(texture.node, f'image "{image.name}" cannot be read and is left out')
+            return None
+        image.pixels.foreach_get(flat)
+        pixels = flat.reshape(height, width, -1)
+        # One channel or two are grey, and alpha.
+        pixels = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
+        # Blender holds images of floats in the scene's linear space, those of bytes as they are.
+        space = image.colorspace_settings.name
+        if image.is_float or space in LINEAR:
+            return pixels
+        if space != "sRGB":
+            self.warn(texture.node, f'colour space "{space}" is taken as sRGB')
+        return conv.srgb_to_linear(pixels)
+
+
+def _sum(
+    parts: list[tuple[float, tuple[RGB, list[Texture]]]],
+) -> tuple[RGB, list[Texture]]:
+    """Weighted sum of terms."""
+    constant, textures = BLACK, []
+    for weight, (color, inner) in parts:
+        constant = conv.added(constant, conv.scaled(color, weight))
+        textures += [
+            Texture(t.node, t.path, conv.scaled(t.factor, weight)) for t in inner if weight > 0.0
+        ]
+    return constant, textures
+
+
+def _is_direction(source: Source) -> bool:
+    """In a world the generated coordinates are the direction itself, as is no link at all."""
+    return (
+        source.node is not None
+        and source.node.type == "TEX_COORD"
+        and source.socket.name == "Generated"
+    )
+
+
+def _positive(color: RGB) -> RGB:
+    return (max(color[0], 0.0), max(color[1], 0.0), max(color[2], 0.0))
