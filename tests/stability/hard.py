@@ -53,6 +53,7 @@ class Case:
     methods: tuple[str, ...] = ALL
     bound_points: float | None = None
     is_slow: bool = False
+    needs: Path | None = None  # a file that not every checkout has
     group: str = ""
 
     def bound_of(self, method: str) -> float:

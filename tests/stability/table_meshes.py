@@ -342,16 +342,14 @@ CASES = [
         bound_points=2e-2,
         is_slow=True,
     ),
+    Case(
+        "non-manifold scan",
+        "exact connections; relative",
+        3e-2,
+        buddha,
+        ("POINTS_COVARIANCE", "TUBES"),
+        bound_points=0.1,
+        is_slow=True,
+        needs=BUDDHA,
+    ),
 ]
-if BUDDHA.is_file():
-    CASES.append(
-        Case(
-            "non-manifold scan",
-            "exact connections; relative",
-            3e-2,
-            buddha,
-            methods=("POINTS_COVARIANCE", "TUBES"),
-            is_slow=True,
-            bound_points=0.1,
-        )
-    )

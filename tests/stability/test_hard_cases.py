@@ -12,6 +12,13 @@ from api import LIBRARY
 needs_library = pytest.mark.skipif(not LIBRARY.is_file(), reason=f"{LIBRARY} is not built")
 
 
+def marks(case: hard.Case) -> list:
+    found = [pytest.mark.slow] if case.is_slow else []
+    if case.needs is not None:
+        found.append(pytest.mark.skipif(not case.needs.is_file(), reason=f"no {case.needs.name}"))
+    return found
+
+
 def entries() -> list:
     """One test for each method of each case."""
     return [
@@ -19,7 +26,7 @@ def entries() -> list:
             case,
             method,
             id=f"{case.key}-{method}",
-            marks=[pytest.mark.slow] if case.is_slow else [],
+            marks=marks(case),
         )
         for case in hard.all_cases()
         for method in case.methods

@@ -37,7 +37,7 @@ enum {
     LIGHT_RAYS_MIN = 1024,
     LIGHT_RAYS_MAX = 4096,
     SAMPLES_PER_LIGHT_RAY = 16,
-    PROBES_MIN = 64, /* at a time */
+    PROBES_MIN = 64,  /* at a time */
     PROBES_FEW = 256, /* where a share is not clear, however small the render */
     PROBES_MAX = 1024,
     SAMPLES_PER_PROBE = 64,
