@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from api import ROOT, Medium, _ffi, add_body, handles, look, rgb
+from api import ROOT, Medium, _ffi, add_body, handles, library, look, render, rgb
 from meshes import Mesh, box, bumpy_sphere, icosphere
 from numpy.typing import NDArray
 
@@ -224,3 +224,117 @@ def reference_scene(shape: str, radius: float) -> OrderScene:
     sigma_t = radius / half
     sigma_s = ALBEDO * sigma_t
     return OrderScene(mesh(), 1.5, sigma_s, sigma_t - sigma_s, g, camera, [LAMP])
+
+
+def stored_orders(shape: str, radius: float) -> Orders:
+    """The tracer's answer for a reference scene, from orders.json."""
+    data = json.loads((REFERENCES / "orders.json").read_text())[f"{shape} {radius:g}"]
+    return from_json(data, (2, 2))
+
+
+# ---- The library's orders ------------------------------------------------------------------------
+
+WALK = _ffi.AMB_SCATTER_WALK
+SINGLE, DOUBLE, MULTIPLE = (
+    _ffi.AMB_EFFECT_SINGLE_SCATTERING,
+    _ffi.AMB_EFFECT_DOUBLE_SCATTERING,
+    _ffi.AMB_EFFECT_MULTIPLE_SCATTERING,
+)
+PASSES = ["Single Scattering", "Double Scattering", "Multiple Scattering"]
+
+
+def passes(scene: OrderScene, size: int, **params: Any) -> NDArray[np.float64]:
+    """Means of the regions in the three passes of scattering, (rows, columns, 3).
+
+    Defaults: walks, all reflections on both sides, the adjoint factor of shading normals (the
+    tracer's paths start at the camera).
+    """
+    settings = {
+        "effects": SINGLE | DOUBLE | MULTIPLE,
+        "estimator": _ffi.AMB_ESTIMATOR_POINTS_COVARIANCE,
+        "scatter_estimator": WALK,
+        "light_bounces": 12,
+        "camera_bounces": 64,
+        "adjoint_normals": 1,
+        "light_samples": 2**15,
+        "samples": 1,
+        "film_transparent": 1,
+        "width": size,
+        "height": size,
+    } | params
+    columns, rows = scene.regions
+    with handles.Scene(library.load()) as handle:
+        scene.build(handle)
+        handle.commit()
+        with handle.start(**settings) as job:
+            job.wait()
+            pixels = np.stack([job.read_pass(name)[::-1, :, 1] for name in PASSES], axis=-1)
+            assert job.report()["nonfinite"] == 0
+    parts = pixels.astype(np.float64).reshape(rows, size // rows, columns, size // columns, 3)
+    return parts.mean(axis=(1, 3))
+
+
+def library_orders(scene: OrderScene, size: int, runs: int, **params: Any) -> Orders:
+    """Orders as the tracer has them, from ``runs`` pairs of renders with their own seeds: one with
+    all orders, one up to three. Relative errors of an order are shared by all regions."""
+    every = np.stack([passes(scene, size, seed=k, **params) for k in range(runs)])
+    three = np.stack(
+        [passes(scene, size, seed=runs + k, scatter_order_max=3, **params) for k in range(runs)]
+    )
+    both = np.concatenate([every, three])
+    rows = {
+        "1": both[..., 0],
+        "2": both[..., 1],
+        "3": three[..., 2],
+        "4+": every[..., 2] - three[..., 2],
+        "1+": every.sum(axis=-1),
+    }
+    mean, error = (np.zeros((*every.shape[1:3], len(ORDERS))) for _ in range(2))
+    for name, values in rows.items():
+        k = ORDERS.index(name)
+        mean[..., k] = values.mean(axis=0)
+        relative = np.sqrt(np.mean(values.var(axis=0, ddof=1) / len(values) / mean[..., k] ** 2))
+        error[..., k] = relative * mean[..., k]
+    return Orders(mean, error, {})
+
+
+def whole(orders: Orders) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and error of all regions together, (6,)."""
+    count = orders.mean.shape[0] * orders.mean.shape[1]
+    square = np.sum(orders.error**2, axis=(0, 1))
+    return orders.mean.mean(axis=(0, 1)), np.sqrt(square) / count
+
+
+# ---- Flux ----------------------------------------------------------------------------------------
+
+
+def directions(count: int) -> NDArray[np.float64]:
+    """Unit vectors that cover the sphere evenly, (count, 3)."""
+    i = np.arange(count)
+    z, turn = 1 - (2 * i + 1) / count, i * np.pi * (3 - np.sqrt(5))
+    s = np.sqrt(1 - z * z)
+    return np.stack([s * np.cos(turn), s * np.sin(turn), z], axis=1)
+
+
+def white_flux(ior: float, g: float, views: int, samples: int) -> tuple[float, float]:
+    """Watts that leave a white sphere of optical radius 1 under a sun after they scattered, seen
+    along ``views`` directions, and watts that interact with its medium."""
+    width, out, interacting = 2.04, 0.0, 0.0
+    sun = Sun((0.0, 0.0, -1.0), 0.0, 1.0)
+    for k, d in enumerate(directions(views)):
+        eye, up = (-4 * d).tolist(), (0.0, 0.0, 1.0) if abs(d[2]) < 0.9 else (1.0, 0.0, 0.0)
+        camera = Camera((eye[0], eye[1], eye[2]), (d[0], d[1], d[2]), up, (width, width), False)
+        scene = OrderScene(icosphere(4), ior, 1.0, 0.0, g, camera, [sun])
+        settings: dict[str, Any] = {
+            "effects": SINGLE | DOUBLE | MULTIPLE,
+            "estimator": _ffi.AMB_ESTIMATOR_POINTS_COVARIANCE,
+            "scatter_estimator": WALK,
+            "light_samples": 2**13,
+            "light_bounces": 8,
+            "camera_bounces": 64,
+        }
+        image = render(scene.build, 16, name="Combined", seed=k, samples=samples, **settings)
+        seen = float(image.pixels[..., 1].astype(np.float64).mean())
+        out += seen * width**2 * 4 * np.pi / views
+        interacting += image.report["light"]["flux_interacting"][1] / views
+    return out, interacting
