@@ -13,7 +13,7 @@ enum {
     DIRECTION_COUNT = 16,
     AZIMUTH_COUNT = 9,
     BANK_COUNT = 8,       /* sums that are added in their order, whatever the number of threads */
-    COLLISIONS = 1 << 20, /* about, of all walks; four times as many where g = 0, which is fast */
+    COLLISIONS = 1 << 20, /* about, of all walks; twice as many where g = 0, which is fast */
     WALKS_MIN = 1 << 11,
     ORDER_LIMIT = 1 << 12 /* of a walk; diffusion stands for what follows */
 };
@@ -152,7 +152,8 @@ static void add_scattered(const Build *build, float *node, float weight, Vec3 lo
         for (uint32_t i = 0; i < count; ++i) {
             const float cosine = local.x * out->x[i] + local.y * out->y[i] + local.z * out->z[i];
             /* See phase_hg; the scale is below. */
-            const float below = fmaxf(1.0f + g * g - 2.0f * g * cosine, least);
+            const float plain = 1.0f + g * g - 2.0f * g * cosine;
+            const float below = plain > least ? plain : least;
             values[i] += share / (below * sqrtf(below));
         }
     }
@@ -333,7 +334,7 @@ static void count_walks(const PropagatorParams *params, Build *build) {
         build->order_end = params->order_max;
     const float mean =
         fminf(2.0f + 1.0f / fmaxf(1.0f - params->albedo, 1e-6f), (float)build->order_end);
-    const float collisions = build->table->direction_count > 1 ? COLLISIONS : 4.0f * COLLISIONS;
+    const float collisions = build->table->direction_count > 1 ? COLLISIONS : 2.0f * COLLISIONS;
     const uint64_t walks = (uint64_t)(collisions / mean);
     build->walk_count = walks > WALKS_MIN ? walks : WALKS_MIN;
 }

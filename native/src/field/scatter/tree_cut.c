@@ -10,14 +10,15 @@
 
 enum {
     SAMPLES_PER_RAY = 16,
-    POINTS = 16,       /* of a camera segment */
+    POINTS_MIN = 8, /* of a camera segment */
+    POINTS_MAX = 16,
     CUT_MAX = 1024,    /* nodes of a cut */
-    SIGHT_PROBES = 512 /* connections that tell whether walls stand between samples */
+    SIGHT_PROBES = 512 /* connections that tell whether walls stand in the way */
 };
 
 /* A node is replaced by its children where it may be wrong by more than this share of the sum;
  * [Walter05] takes 2 %. */
-static const float CUT_ERROR = 0.005f;
+static const float CUT_ERROR = 0.01f;
 
 /* One object. */
 typedef struct Cloud {
@@ -95,13 +96,28 @@ static const VolumeNode *random_sample(const VolumeTree *tree, Rng rng, uint32_t
     return node;
 }
 
-static bool find_walls(const AmbScene *scene, const VolumeTree *tree) {
+/* A point just below the boundary, by chance. */
+static Vec3 random_skin(const AmbScene *scene, uint32_t object, Rng rng, uint32_t *dimension) {
+    const SceneObject *shape = &scene->objects[object];
+    const SceneMesh *mesh = &scene->meshes[shape->mesh];
+    const float u = rng_float(rng, (*dimension)++);
+    const uint32_t *corners = mesh->triangles + 3 * (uint64_t)(u * (float)mesh->triangle_count);
+    const Vec3 a = shape->positions[corners[0]];
+    const Vec3 ab = vec3_sub(shape->positions[corners[1]], a);
+    const Vec3 ac = vec3_sub(shape->positions[corners[2]], a);
+    const Vec3 out = vec3_scale(vec3_cross(ab, ac), shape->is_flipped ? -1.0f : 1.0f);
+    const Vec3 middle = vec3_madd(a, 1.0f / 3.0f, vec3_add(ab, ac));
+    const float length = vec3_length(out);
+    return length > 0.0f ? vec3_madd(middle, -1e-3f * shape->radius / length, out) : middle;
+}
+
+/* Whether anything stands between places that a camera may see and samples. */
+static bool find_walls(const AmbScene *scene, uint32_t object, const VolumeTree *tree) {
     const Rng rng = rng_create(0, RNG_STAGE_PROPAGATOR, UINT64_MAX);
     uint32_t dimension = 0;
     for (int i = 0; i < SIGHT_PROBES; ++i) {
-        const VolumeNode *a = random_sample(tree, rng, &dimension);
-        const VolumeNode *b = random_sample(tree, rng, &dimension);
-        if (is_blocked(scene, a->center, b->center))
+        const Vec3 eye = random_skin(scene, object, rng, &dimension);
+        if (is_blocked(scene, random_sample(tree, rng, &dimension)->center, eye))
             return true;
     }
     return false;
@@ -121,7 +137,7 @@ static AmbStatus build_clouds(const AmbScene *scene, const TreeCutParams *params
             continue;
         AMB_TRY(volume_tree_build(&light->objects[o], &cloud->medium, spacing, job, &cloud->tree));
         AMB_TRY(build_tables(cloud, scene->objects[o].radius, params->order_max, job));
-        cloud->has_walls = cloud->tree.sample_count > 0 && find_walls(scene, &cloud->tree);
+        cloud->has_walls = cloud->tree.sample_count > 0 && find_walls(scene, o, &cloud->tree);
     }
     return AMB_OK;
 }
@@ -428,12 +444,16 @@ TreeCutRadiance tree_cut_gather(const TreeCut *cut, const FieldSegment *segment)
         return radiance;
     const float sigma_t[3] = {cloud->medium.sigma_t.r, cloud->medium.sigma_t.g,
                               cloud->medium.sigma_t.b};
+    /* The clearest channel sees farthest. */
+    const float depth = segment->length * rgb_min(cloud->medium.sigma_t);
+    const int count = (int)clampf(POINTS_MIN + 0.5f * depth, POINTS_MIN, POINTS_MAX);
     float seen[3] = {0, 0, 0}; /* up to where the last stretch ends */
-    for (int i = 0; i < POINTS; ++i) {
-        const float middle = seen_inverse(sigma_t, ((float)i + 0.5f) / POINTS, segment->length);
-        const float end = i + 1 < POINTS
-                              ? seen_inverse(sigma_t, ((float)i + 1.0f) / POINTS, segment->length)
-                              : segment->length;
+    for (int i = 0; i < count; ++i) {
+        const float share = 1.0f / (float)count;
+        const float middle = seen_inverse(sigma_t, share * ((float)i + 0.5f), segment->length);
+        float end = segment->length;
+        if (i + 1 < count)
+            end = seen_inverse(sigma_t, share * ((float)i + 1.0f), segment->length);
         float weight[3];
         for (int c = 0; c < 3; ++c) {
             const float next = seen_length(sigma_t[c], end);
