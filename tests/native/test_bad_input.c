@@ -420,6 +420,25 @@ static void camera_and_lights_in_odd_places(void) {
     demo_free(&demo);
 }
 
+/* Embree's assertions end the process over a ray from beyond its bound of 1.8e18. */
+static void camera_beyond_all_coordinates(void) {
+    static const float places[] = {1e18f, 1e19f, 3e38f};
+    for (size_t i = 0; i < sizeof places / sizeof places[0]; ++i)
+        for (int axis = 0; axis < 3; ++axis) {
+            Demo demo = small_demo();
+            demo.camera_at[axis] = places[i];
+            check_demo(&demo, "camera beyond all coordinates");
+            amb_camera_init(&demo.camera, AMB_CAMERA_ORTHOGRAPHIC);
+            check_demo(&demo, "orthographic camera beyond all coordinates");
+            demo_free(&demo);
+        }
+    Demo demo = small_demo();
+    memset(demo.light.position, 0, sizeof demo.light.position);
+    demo.light.position[0] = 3e38f;
+    check_demo(&demo, "light beyond all coordinates");
+    demo_free(&demo);
+}
+
 /* Spheres in one another, more than a path can keep track of. */
 static void more_nested_objects_than_fit(void) {
     enum { NESTED = 12 };
@@ -510,6 +529,7 @@ void test_bad_input(void) {
     RUN(extreme_parameters);
     RUN(extreme_media);
     RUN(camera_and_lights_in_odd_places);
+    RUN(camera_beyond_all_coordinates);
     RUN(more_nested_objects_than_fit);
     RUN(overlapping_objects);
     RUN(surfaces_of_mixed_slots);

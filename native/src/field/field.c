@@ -2,6 +2,8 @@
  * Chooses the family of estimators. */
 #include "field/field.h"
 
+#include <stdatomic.h>
+
 #include "base/memory.h"
 #include "field/points/points.h"
 #include "field/specular/specular.h"
@@ -9,8 +11,9 @@
 
 struct Field {
     uint32_t object_count;
-    PointCloud *clouds; /* by object; the point estimators */
-    TubeField *tubes;   /* by object; TUBES, else NULL */
+    atomic_uint_least64_t *nonfinite; /* by object */
+    PointCloud *clouds;               /* by object; the point estimators */
+    TubeField *tubes;                 /* by object; TUBES, else NULL */
     TubeCount tube_count;
     SpecularField *specular; /* by object; SPECULAR, else NULL */
     SpecularCount specular_count;
@@ -84,6 +87,11 @@ AmbStatus field_create(const AmbScene *scene, const LightField *light, const Fie
     Field *field = memory_zero_array(1, sizeof *field);
     if (field == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light field");
+    field->nonfinite = memory_zero_array(scene->object_count, sizeof *field->nonfinite);
+    if (field->nonfinite == NULL) {
+        memory_free(field);
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light field");
+    }
     field->object_count = scene->object_count;
     const AmbStatus status = create_by_estimator(scene, light, params, job, field);
     if (status != AMB_OK) {
@@ -105,13 +113,14 @@ void field_destroy(Field *field) {
         if (field->specular != NULL)
             specular_clear(&field->specular[o]);
     }
+    memory_free(field->nonfinite);
     memory_free(field->clouds);
     memory_free(field->tubes);
     memory_free(field->specular);
     memory_free(field);
 }
 
-FieldRadiance field_gather(const Field *field, const FieldSegment *segment) {
+static FieldRadiance gather(const Field *field, const FieldSegment *segment) {
     const uint32_t o = segment->object;
     if (field->tubes != NULL && field->tubes[o].tube_count > 0)
         return tubes_gather(&field->tubes[o], segment->o, segment->d, segment->length);
@@ -120,6 +129,18 @@ FieldRadiance field_gather(const Field *field, const FieldSegment *segment) {
     if (field->clouds != NULL && field->clouds[o].sample_count > 0)
         return points_gather(&field->clouds[o], segment->o, segment->d, segment->length);
     return (FieldRadiance){.radiance = {0, 0, 0}};
+}
+
+FieldRadiance field_gather(const Field *field, const FieldSegment *segment) {
+    const FieldRadiance sum = gather(field, segment);
+    if (rgb_is_finite(sum.radiance) && isfinite(sum.frequency) && isfinite(sum.contribution))
+        return sum;
+    atomic_fetch_add(&field->nonfinite[segment->object], 1);
+    return (FieldRadiance){.radiance = {0, 0, 0}};
+}
+
+uint64_t field_nonfinite(const Field *field, uint32_t object) {
+    return atomic_load(&field->nonfinite[object]);
 }
 
 uint64_t field_bytes(const Field *field) {

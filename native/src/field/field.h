@@ -39,8 +39,12 @@ void field_destroy(Field *field);
 
 /* Radiance that light scattered once inside the segment sends to its start,
  *   L = int_0^length exp(-sigma_t t) Q(o + t d, -d) dt.
- * Any thread; the field is const. */
+ * Any thread; the field is const, but for its count of sums that are no numbers and are left out.
+ */
 FieldRadiance field_gather(const Field *field, const FieldSegment *segment);
+
+/* How many of them were born in an object: above zero it is a defect. */
+uint64_t field_nonfinite(const Field *field, uint32_t object);
 
 uint64_t field_bytes(const Field *field);
 uint64_t field_sample_count(const Field *field); /* volume samples, tubes, lit triangles */

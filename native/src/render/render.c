@@ -340,6 +340,8 @@ static AmbStatus run_field_and_camera(AmbRender *render) {
         status = run_camera(render, field);
         charge_stage(render, STAGE_CAMERA, begin);
     }
+    for (uint32_t o = 0; field != NULL && o < render->scene->object_count; ++o)
+        render->nonfinite_objects[o] = field_nonfinite(field, o);
     field_destroy(field);
     return status;
 }
@@ -347,6 +349,10 @@ static AmbStatus run_field_and_camera(AmbRender *render) {
 static AmbStatus run_stages(AmbRender *render) {
     AMB_TRY(parallel_for(&render->job, render->film.height, 16, zero_rows, &render->film));
     AMB_TRY(run_scene(render));
+    render->nonfinite_objects =
+        memory_zero_array(render->scene->object_count, sizeof *render->nonfinite_objects);
+    if (render->nonfinite_objects == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for a render");
     CausticMap *caustics = NULL;
     Scatter *scatter = NULL;
     AmbStatus status = run_caustics(render, &caustics);
@@ -411,6 +417,7 @@ static void release(AmbRender *render) {
     probe_clear(&render->accuracy.probe);
     plan_clear(&render->plan);
     film_clear(&render->film);
+    memory_free(render->nonfinite_objects);
     pthread_cond_destroy(&render->ended_changed);
     pthread_mutex_destroy(&render->lock);
     memory_free(render);

@@ -62,6 +62,7 @@ struct AmbRender {
     ScatterAccount scatter;
     atomic_uint_least64_t camera_leak_count;
     uint64_t scene_bytes, peak_rss_bytes;
+    uint64_t *nonfinite_objects; /* sums over the light field that were no numbers, or NULL */
     bool has_plan;
 };
 

@@ -218,12 +218,54 @@ static uint32_t used_samples(const AmbRender *render) {
     return is_target ? (uint32_t)lround(render->accuracy.samples_mean) : render->params.samples;
 }
 
+/* What was no number and was left out, by birthplace. */
+typedef struct Births {
+    Text *text;
+    uint64_t total;
+} Births;
+
+static void add_birth(Births *births, const char *stage, const char *estimator, const char *object,
+                      uint64_t count) {
+    if (count == 0)
+        return;
+    if (births->text != NULL) {
+        add(births->text, "%s\n    {\"stage\": \"%s\", \"estimator\": \"%s\", \"object\": \"",
+            births->total > 0 ? "," : "", stage, estimator);
+        add_escaped(births->text, object);
+        add(births->text, "\", \"count\": %llu}", (unsigned long long)count);
+    }
+    births->total += count;
+}
+
+static uint64_t list_births(Text *text, const AmbRender *render) {
+    Births births = {text, 0};
+    const AmbScene *scene = render->scene;
+    if (scene->intersector != NULL)
+        add_birth(&births, "any", "rays", "", intersector_nonfinite(scene->intersector));
+    const char *estimator = plan_estimator_name(render->plan.estimator);
+    for (uint32_t o = 0; render->nonfinite_objects != NULL && o < scene->object_count; ++o)
+        add_birth(&births, "camera", estimator, scene->objects[o].name,
+                  render->nonfinite_objects[o]);
+    static const char *const orders[FILM_ORDER_COUNT] = {"single scattering", "double scattering",
+                                                         "multiple scattering"};
+    for (int k = 0; k < FILM_ORDER_COUNT; ++k)
+        add_birth(&births, "camera", orders[k], "", atomic_load(&render->film.nonfinite_orders[k]));
+    add_birth(&births, "camera", "surface", "", atomic_load(&render->film.nonfinite_surface));
+    return births.total;
+}
+
+static uint64_t count_nonfinite(const AmbRender *render) {
+    return list_births(NULL, render);
+}
+
+static void add_nonfinite(Text *text, const AmbRender *render) {
+    add(text, "  \"nonfinite_by\": [");
+    list_births(text, render);
+    add(text, "]");
+}
+
 void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t *out_size) {
     Text text = {buffer, buffer != NULL ? size : 0, 0};
-    uint64_t orders = 0;
-    for (int k = 0; k < FILM_ORDER_COUNT; ++k)
-        orders += atomic_load(&render->film.nonfinite_orders[k]);
-    const uint64_t surface = atomic_load(&render->film.nonfinite_surface);
     add(&text, "{\n  \"version\": \"%s\",\n", AMB_VERSION_STRING);
     add(&text, "  \"estimator\": \"%s\",\n", plan_estimator_name(render->plan.estimator));
     add(&text, "  \"samples\": %u,\n  \"width\": %u,\n  \"height\": %u,\n  \"threads\": %u,\n",
@@ -247,10 +289,10 @@ void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t
     if (render->has_plan)
         add_scatter(&text, render);
     add_accuracy(&text, render);
-    add_warnings(&text, render, orders + surface);
-    add(&text, "  \"nonfinite\": %llu,\n  \"nonfinite_by\": {\"gather\": %llu, \"surface\": %llu}",
-        (unsigned long long)(orders + surface), (unsigned long long)orders,
-        (unsigned long long)surface);
+    const uint64_t nonfinite = count_nonfinite(render);
+    add_warnings(&text, render, nonfinite);
+    add(&text, "  \"nonfinite\": %llu,\n", (unsigned long long)nonfinite);
+    add_nonfinite(&text, render);
     add(&text, "\n}\n");
     *out_size = text.length + 1;
 }

@@ -30,8 +30,8 @@ void intersector_enable_all(Intersector *intersector);
 AmbStatus intersector_commit(Intersector *intersector, Job *job);
 
 /* After the commit, from any thread. d need not be unit; t is in units of its length. */
-bool intersector_nearest(const Intersector *intersector, Vec3 o, Vec3 d, float t_max, Hit *out_hit);
-bool intersector_any(const Intersector *intersector, Vec3 o, Vec3 d, float t_max);
+bool intersector_nearest(Intersector *intersector, Vec3 o, Vec3 d, float t_max, Hit *out_hit);
+bool intersector_any(Intersector *intersector, Vec3 o, Vec3 d, float t_max);
 
 /* The point of the surfaces that is nearest to p; false: none is nearer than reach. */
 bool intersector_closest(const Intersector *intersector, Vec3 p, float reach, Vec3 *out_point);
@@ -40,6 +40,9 @@ bool intersector_closest(const Intersector *intersector, Vec3 p, float reach, Ve
  * at most. */
 uint32_t intersector_all(const Intersector *intersector, Vec3 o, Vec3 d, float t_max, Hit *out_hits,
                          uint32_t room);
+
+/* Rays so far that held a value that is no number: they meet nothing. Above zero it is a defect. */
+uint64_t intersector_nonfinite(const Intersector *intersector);
 
 uint64_t intersector_bytes(const Intersector *intersector);
 

@@ -15,12 +15,16 @@
 
 #include "base/memory.h"
 
+/* Embree's own bound of coordinates. */
+static const float COORDINATE_MAX = 1.844e18f;
+
 struct Intersector {
     RTCDevice device;
     RTCScene scene;
     Job *job;            /* during the commit */
     MemoryLimit *memory; /* of the render that builds; Embree allocates on threads of its own */
     atomic_int_least64_t bytes;
+    atomic_uint_least64_t nonfinite_count;
 };
 
 /* Embree asks before (or, with post, right after) it takes bytes, and says when it gives them
@@ -69,6 +73,7 @@ AmbStatus intersector_create(uint32_t thread_count, Intersector **out_intersecto
         return status_fail(AMB_INTERNAL, "Embree gives no device");
     }
     atomic_init(&self->bytes, 0);
+    atomic_init(&self->nonfinite_count, 0);
     self->memory = memory_get_limit();
     rtcSetDeviceMemoryMonitorFunction(self->device, on_memory, self);
     self->scene = rtcNewScene(self->device);
@@ -131,6 +136,21 @@ AmbStatus intersector_commit(Intersector *self, Job *job) {
     return job_is_cancelled(job) ? AMB_CANCELLED : AMB_OK;
 }
 
+static bool is_within(Vec3 v) {
+    return fabsf(v.x) <= COORDINATE_MAX && fabsf(v.y) <= COORDINATE_MAX &&
+           fabsf(v.z) <= COORDINATE_MAX;
+}
+
+/* Embree built with assertions ends the process over any other ray. From that far away nothing is
+ * met; a ray that is no ray is a defect of whoever made it, and is counted. */
+static bool is_traceable(Intersector *self, Vec3 o, Vec3 d, float t_max) {
+    if (is_within(o) && is_within(d) && !isnan(t_max))
+        return true;
+    if (!vec3_is_finite(o) || !vec3_is_finite(d) || isnan(t_max))
+        atomic_fetch_add(&self->nonfinite_count, 1);
+    return false;
+}
+
 static struct RTCRay make_ray(Vec3 o, Vec3 d, float t_max) {
     struct RTCRay ray;
     memset(&ray, 0, sizeof ray);
@@ -146,7 +166,9 @@ static struct RTCRay make_ray(Vec3 o, Vec3 d, float t_max) {
     return ray;
 }
 
-bool intersector_nearest(const Intersector *self, Vec3 o, Vec3 d, float t_max, Hit *out_hit) {
+bool intersector_nearest(Intersector *self, Vec3 o, Vec3 d, float t_max, Hit *out_hit) {
+    if (!is_traceable(self, o, d, t_max))
+        return false;
     struct RTCRayHit query;
     memset(&query, 0, sizeof query);
     query.ray = make_ray(o, d, t_max);
@@ -164,7 +186,9 @@ bool intersector_nearest(const Intersector *self, Vec3 o, Vec3 d, float t_max, H
     return true;
 }
 
-bool intersector_any(const Intersector *self, Vec3 o, Vec3 d, float t_max) {
+bool intersector_any(Intersector *self, Vec3 o, Vec3 d, float t_max) {
+    if (!is_traceable(self, o, d, t_max))
+        return false;
     struct RTCRay ray = make_ray(o, d, t_max);
 #if RTC_VERSION_MAJOR >= 4
     rtcOccluded1(self->scene, &ray, NULL);
@@ -300,6 +324,10 @@ uint32_t intersector_all(const Intersector *self, Vec3 o, Vec3 d, float t_max, H
 uint64_t intersector_bytes(const Intersector *self) {
     const int64_t bytes = atomic_load(&self->bytes);
     return bytes > 0 ? (uint64_t)bytes : 0;
+}
+
+uint64_t intersector_nonfinite(const Intersector *self) {
+    return atomic_load(&self->nonfinite_count);
 }
 
 AmbStatus intersector_self_test(void) {

@@ -27,6 +27,8 @@ static const double END_DEPTHS = 1e3;
 /* The shortest piece: where view and light are nearly parallel, the whole segment is seen through
  * a small part of a cell. */
 static const double WIDTH_MIN = 1e-13;
+/* For a few places where light and view turn over: each is found in log2(1 / WIDTH_MIN) = 43. */
+enum { TURN_HALVINGS_MAX = 512 };
 /* Sine between light and view below which the digits of a double do not tell where they meet, and
  * the angle by which the view is then turned. Both bend the light by less than a pixel. */
 static const double PARALLEL_SINE = 1e-5;
@@ -43,6 +45,7 @@ typedef struct Gather {
     double sum[3], frequency, contribution;
     double extinction; /* sigma_t of the densest channel, 1/m */
     int depth_max;     /* halvings of a piece */
+    int turns_left;    /* halvings of this piece that cost no depth */
     bool is_parallel;  /* some light is parallel to the view */
     bool is_turned;    /* and the view was turned */
 } Gather;
@@ -264,8 +267,12 @@ static void integrate(Gather *gather, const CurvePiece *piece, const Sample *a,
         if (depth < gather->depth_max)
             halve(gather, piece, a, middle, b, depth + 1);
     } else if (turns_over(&a->point, &middle->point) || turns_over(&middle->point, &b->point)) {
-        /* The way between is found at any width, and costs no depth. */
-        halve(gather, piece, a, middle, b, depth);
+        /* The way between is found at any width, and costs no depth, as long as it is one: where
+         * view and light are the same line, rounding turns them over everywhere. */
+        const bool is_free = gather->turns_left > 0;
+        gather->turns_left -= is_free;
+        if (is_free || depth < gather->depth_max)
+            halve(gather, piece, a, middle, b, is_free ? depth : depth + 1);
     } else if (depth < gather->depth_max &&
                may_reach_in(gather, &a->point, &middle->point, &b->point)) {
         halve(gather, piece, a, middle, b, depth + 1);
@@ -274,6 +281,7 @@ static void integrate(Gather *gather, const CurvePiece *piece, const Sample *a,
 
 static void integrate_piece(void *user, const CurvePiece *piece) {
     Gather *gather = user;
+    gather->turns_left = TURN_HALVINGS_MAX;
     const Sample a = sample_of(gather, piece, 0.0, &piece->a);
     const Sample middle = sample_of(gather, piece, 0.5, &piece->middle);
     const Sample b = sample_of(gather, piece, 1.0, &piece->b);
