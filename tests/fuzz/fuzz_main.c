@@ -1,0 +1,116 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Runs a fuzz target without libFuzzer: amb_fuzz TARGET RUNS SEED [FILE ...]. Files first, then
+ * RUNS strings of random bytes, or files with some bytes changed. Every run is a function of SEED
+ * and its number, which is printed when it fails; =NUMBER in place of RUNS writes its bytes to
+ * stdout. TARGET "all" is every target but scenes. */
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/parallel.h"
+#include "base/rng.h"
+#include "fuzz.h"
+
+enum { SIZE_MAX_RANDOM = 512, FILE_MAX = 4096, FILE_SIZE_MAX = 4096 };
+
+/* CPU seconds that are worth a line: small scenes should take milliseconds. */
+static const double SLOW = 2.0;
+
+typedef struct Seed {
+    uint8_t data[FILE_SIZE_MAX];
+    size_t size;
+} Seed;
+
+static const struct {
+    const char *name;
+    FuzzTarget *run;
+} TARGETS[] = {{"scene", fuzz_scene},      {"dielectric", fuzz_dielectric},
+               {"tangent", fuzz_tangent},  {"covariance", fuzz_covariance},
+               {"kernel", fuzz_kernel},    {"phase", fuzz_phase},
+               {"boundary", fuzz_boundary}};
+enum { TARGET_COUNT = sizeof TARGETS / sizeof TARGETS[0] };
+
+static const char *running = "";
+static unsigned long long run_seed, run_number;
+
+void fuzz_fail(const char *file, int line, const char *format, ...) {
+    fprintf(stderr, "%s:%d: %s, seed %llu, run %llu: ", file, line, running, run_seed, run_number);
+    va_list arguments;
+    va_start(arguments, format);
+    vfprintf(stderr, format, arguments);
+    va_end(arguments);
+    fputc('\n', stderr);
+    abort();
+}
+
+static bool read_seed(const char *path, Seed *out) {
+    FILE *file = fopen(path, "rb");
+    if (file == NULL)
+        return false;
+    out->size = fread(out->data, 1, sizeof out->data, file);
+    fclose(file);
+    return true;
+}
+
+/* Random bytes, or those of a seed with up to eight changed; every other run. */
+static size_t make_input(const Seed *seeds, size_t seed_count, uint64_t key, uint8_t *out) {
+    uint64_t state = rng_mix(key);
+    if (seed_count == 0 || state % 2 == 0) {
+        const size_t size = 1 + (size_t)(rng_mix(state + 1) % SIZE_MAX_RANDOM);
+        for (size_t i = 0; i < size; ++i)
+            out[i] = (uint8_t)rng_mix(state + 2 + i);
+        return size;
+    }
+    const Seed *seed = &seeds[rng_mix(state + 1) % seed_count];
+    memcpy(out, seed->data, seed->size);
+    for (uint64_t i = 0; i < rng_mix(state + 2) % 8 && seed->size > 0; ++i)
+        out[rng_mix(state + 3 + 2 * i) % seed->size] = (uint8_t)rng_mix(state + 4 + 2 * i);
+    return seed->size;
+}
+
+static void run_target(size_t target, unsigned long long runs, bool only, const Seed *seeds,
+                       size_t seed_count) {
+    running = TARGETS[target].name;
+    for (size_t i = 0; i < seed_count && !only; ++i)
+        TARGETS[target].run(seeds[i].data, seeds[i].size);
+    static uint8_t input[FILE_SIZE_MAX];
+    for (run_number = only ? runs : 0; run_number < runs + only; ++run_number) {
+        const size_t size = make_input(seeds, seed_count,
+                                       rng_mix(run_seed) + run_number * 0x9e3779b97f4a7c15u, input);
+        if (only) {
+            fwrite(input, 1, size, stdout);
+            return;
+        }
+        const double process = clock_process_cpu();
+        TARGETS[target].run(input, size);
+        if (clock_process_cpu() - process > SLOW)
+            printf("%s: seed %llu, run %llu takes %.1f CPU s\n", running, run_seed, run_number,
+                   clock_process_cpu() - process);
+    }
+    printf("%s: %llu runs and %zu files, seed %llu\n", running, runs, seed_count, run_seed);
+    if (TARGETS[target].run == fuzz_scene)
+        fuzz_scene_report();
+}
+
+int main(int argc, char **argv) {
+    if (argc < 4) {
+        fprintf(stderr, "usage: amb_fuzz TARGET RUNS SEED [FILE ...]\n");
+        return 2;
+    }
+    const bool only = argv[2][0] == '=';
+    const unsigned long long runs = strtoull(argv[2] + only, NULL, 10);
+    run_seed = strtoull(argv[3], NULL, 10);
+    static Seed seeds[FILE_MAX];
+    size_t seed_count = 0;
+    for (int i = 4; i < argc && seed_count < FILE_MAX; ++i)
+        seed_count += read_seed(argv[i], &seeds[seed_count]);
+    bool is_found = false;
+    for (size_t i = 0; i < TARGET_COUNT; ++i)
+        if (strcmp(argv[1], TARGETS[i].name) == 0 ||
+            (strcmp(argv[1], "all") == 0 && TARGETS[i].run != fuzz_scene)) {
+            is_found = true;
+            run_target(i, runs, only, seeds, seed_count);
+        }
+    return is_found ? 0 : 2;
+}
