@@ -40,8 +40,6 @@ sun = common.bpy.data.lights.new("Sun", "SUN")
 sun.energy = 4.0
 sun.color = (1.0, 0.94, 0.85)
 sun.angle = radians(0.53)
-common.aim(
-    common.link(common.bpy.data.objects.new("Sun", sun)), (-3.0, 3.6, 4.6), (0.0, 0.0, 0.0)
-)
+common.aim(common.link(common.bpy.data.objects.new("Sun", sun)), (-3.0, 3.6, 4.6), (0.0, 0.0, 0.0))
 common.add_camera((0.5, -8.0, 6.0), target=(0.35, -0.45, 0.35), horizontal_angle=38)
 common.save("caustics.blend")

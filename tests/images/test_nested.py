@@ -17,6 +17,7 @@ from api import (
     Medium,
     add_point,
     add_sun,
+    handles,
     look,
     render,
     rgb,
@@ -34,7 +35,7 @@ DOWN = (set_orthographic, ((0.1, 0.07, 9), (0, 0, -1), (0, 1, 0), 0.2))
 WIDE = 20.0  # of slabs: nothing comes from their sides
 
 
-def add_dielectric(scene: Any, mesh: Mesh, medium: Medium, priority: int = 0) -> None:  # noqa: ANN401
+def add_dielectric(scene: handles.Scene, mesh: Mesh, medium: Medium, priority: int = 0) -> None:
     material = scene.add_material(
         "dielectric",
         surface=ffi.AMB_SURFACE_DIELECTRIC,
@@ -48,7 +49,7 @@ def add_dielectric(scene: Any, mesh: Mesh, medium: Medium, priority: int = 0) ->
     scene.add_object("dielectric", shape, np.eye(4).tolist(), [material])
 
 
-def set_world(scene: Any, radiance: float) -> None:  # noqa: ANN401
+def set_world(scene: handles.Scene, radiance: float) -> None:
     scene.set_world(rgb(radiance))
 
 
@@ -56,7 +57,7 @@ def slab(bottom: float, top: float, medium: Medium, priority: int = 0) -> tuple[
     return add_dielectric, (box((-WIDE, -WIDE, bottom), (WIDE, WIDE, top)), medium, priority)
 
 
-def seen(*parts: tuple[Any, Any], name: str = "Surface", size: int = 8, **params: Any) -> float:  # noqa: ANN401
+def seen(*parts: tuple[Any, Any], name: str = "Surface", size: int = 8, **params: Any) -> float:
     settings = {"film_transparent": 0, "estimator": POINTS_COVARIANCE} | params
     image = render(scene_of(*parts), size, name, **settings)
     return float(image.pixels.astype(np.float64).mean())

@@ -8,7 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from api import Medium, _ffi, add_body, add_point, handles, library, rgb, set_perspective
+from api import (
+    BuildScene,
+    Medium,
+    _ffi,
+    add_body,
+    add_point,
+    handles,
+    library,
+    rgb,
+    set_perspective,
+)
 from meshes import Mesh, box, icosphere
 from numpy.typing import NDArray
 
@@ -21,7 +31,9 @@ PASSES = ("Single Scattering", "Double Scattering", "Multiple Scattering")
 BALL = icosphere(4)
 
 
-def shoot(build: Any, size: int, **params: Any) -> tuple[NDArray[np.float64], dict[str, Any]]:  # noqa: ANN401
+def shoot(
+    build: BuildScene, size: int, **params: Any
+) -> tuple[NDArray[np.float64], dict[str, Any]]:
     """Passes of the orders and Combined, (4, height, width, 3), and the report."""
     settings = {
         "light_bounces": 0,

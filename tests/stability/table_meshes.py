@@ -10,6 +10,7 @@ import numpy as np
 from api import SINGLE, _ffi
 from hard import POINTS, ROOT, Case
 from meshes import Mesh, box, bumpy_sphere, icosphere, large_slab, read_obj, subdivide
+from numpy.typing import NDArray
 from oracles import Slab
 from scenes import POINT, SUN, Body, Camera, Lamp, Setup, difference, mean, picture, relative
 from table_media import slab_setup
@@ -206,8 +207,11 @@ def rounded_ball(method: str, distance: float) -> float:
     body = replace(body, mesh=Mesh(rounded, body.mesh.triangles, body.mesh.normals))
     near = replace(BALL, bodies=(body,))
     far = near.placed(move=move, moves_vertices=True)
+
     # Lamp and camera are rounded too: take places that floats have there.
-    snap = lambda p: (np.asarray(p) + move).astype(np.float32).astype(np.float64) - move  # noqa: E731
+    def snap(p: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (np.asarray(p) + move).astype(np.float32).astype(np.float64) - move
+
     lamps = tuple(replace(lamp, position=snap(lamp.position)) for lamp in BALL.lamps)
     camera = replace(BALL.camera, at=snap(BALL.camera.at))
     near, far = (replace(s, lamps=lamps, camera=camera) for s in (near, far))
