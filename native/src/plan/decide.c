@@ -140,11 +140,30 @@ static bool take_back(const EffectShares *shares, const bool *is_open, uint32_t 
     return true;
 }
 
-static double sum_omitted(const bool *is_open, const Plan *plan) {
-    double sum = 0.0;
+static double rest_of(const bool *is_open, const Plan *plan, uint32_t effect) {
     for (uint32_t c = 0; c < CANDIDATE_COUNT; ++c)
-        sum += is_open[c] ? plan->effects[CANDIDATES[c].effect].rest.value : 0.0;
-    return sum;
+        if (CANDIDATES[c].effect == effect && is_open[c])
+            return plan->effects[effect].rest.value;
+    return 0.0;
+}
+
+/* Light of the surroundings, of reflections and through objects is also part of the orders that it
+ * scatters in: as much of it as goes with these, about, is not counted again. */
+static double sum_omitted(const bool *is_open, const Plan *plan) {
+    static const uint32_t orders[] = {PLAN_SINGLE_SCATTERING, PLAN_DOUBLE_SCATTERING,
+                                      PLAN_MULTIPLE_SCATTERING};
+    double all = 0.0, omitted = 0.0;
+    for (uint32_t i = 0; i < sizeof orders / sizeof orders[0]; ++i) {
+        all += plan->effects[orders[i]].share.value;
+        omitted += rest_of(is_open, plan, orders[i]);
+    }
+    const double kinds = rest_of(is_open, plan, PLAN_WORLD_LIGHT) +
+                         rest_of(is_open, plan, PLAN_LIGHT_BOUNCES) +
+                         rest_of(is_open, plan, PLAN_TRANSMITTED_LIGHT);
+    const double kept = all > 0.0 ? fmax(1.0 - omitted / all, 0.0) : 0.0;
+    return omitted + kept * kinds + rest_of(is_open, plan, PLAN_CAMERA_BOUNCES) +
+           rest_of(is_open, plan, PLAN_SURFACE_REFLECTION) +
+           rest_of(is_open, plan, PLAN_BACKGROUND);
 }
 
 /* Whether an object stands alone: light enters nothing else by way of it. */
