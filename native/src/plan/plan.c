@@ -398,6 +398,8 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, cons
     if (plan.objects == NULL || plan.targets == NULL)
         status = status_fail(AMB_OUT_OF_MEMORY, "no memory to plan the render");
     MeshProblems problems = {.is_irregular = false};
+    const double begin = clock_thread_cpu();
+    const uint64_t helpers_begin = atomic_load(&job->cpu_ns);
     if (status == AMB_OK) {
         for (uint32_t o = 0; o < plan.object_count; ++o)
             plan.targets[o] = true;
@@ -410,6 +412,8 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, cons
     }
     if (status == AMB_OK)
         status = plan_estimator(scene, params, &problems, &plan);
+    plan.cpu =
+        clock_thread_cpu() - begin + 1e-9 * (double)(atomic_load(&job->cpu_ns) - helpers_begin);
     if (status == AMB_OK) {
         set_parameters(scene, params, &plan);
         plan_scatter(scene, params, &plan);

@@ -53,6 +53,7 @@ typedef struct Plan {
     bool is_automatic;            /* shares decided */
     uint64_t probe_count;         /* camera paths that measured them; 0: nothing was measured */
     double share_min;             /* least share of an effect that is simulated */
+    double cpu;                   /* seconds that planning took */
     double omitted;               /* shares of all that was left out for being less, together */
     uint32_t estimator;           /* resolved, not AUTO */
     const char *estimator_reason; /* one phrase, static storage */

@@ -72,9 +72,9 @@ static void add_effect_objects(Text *text, const AmbScene *scene, const Plan *pl
 static void add_effects(Text *text, const AmbScene *scene, const Plan *plan) {
     add(text,
         "  \"plan\": {\"automatic\": %s, \"share_min\": %.9g, \"omitted\": %.4g, \"probes\": "
-        "%llu},\n",
+        "%llu, \"cpu_s\": %.6f},\n",
         plan->is_automatic ? "true" : "false", plan->share_min, plan->omitted,
-        (unsigned long long)plan->probe_count);
+        (unsigned long long)plan->probe_count, plan->cpu);
     add(text, "  \"effects\": [\n");
     for (uint32_t i = 0; i < PLAN_EFFECT_COUNT; ++i) {
         const PlanEffect *effect = &plan->effects[i];
