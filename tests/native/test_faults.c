@@ -285,6 +285,112 @@ static void limit_that_is_too_low_is_one_sentence(void) {
     demo_free(&demo);
 }
 
+/* ---- Cancelling, and several at once --------------------------------------------------------- */
+
+static void sleep_for(double seconds) {
+    const struct timespec pause = {.tv_sec = (time_t)seconds,
+                                   .tv_nsec = (long)(1e9 * (seconds - floor(seconds)))};
+    nanosleep(&pause, NULL);
+}
+
+/* Cancelled at any moment a render returns, frees what it holds, and the next one of the same scene
+ * is bit for bit what it would have been. */
+static void cancel_at_any_moment(void) {
+    const int moments = test_is_long() ? 500 : 60;
+    uint64_t state = 9;
+    static const uint32_t estimators[] = {AMB_ESTIMATOR_TUBES, AMB_ESTIMATOR_POINTS_COVARIANCE,
+                                          AMB_ESTIMATOR_SPECULAR};
+    int cancelled = 0;
+    for (size_t e = 0; e < 3; ++e) {
+        Demo demo = demo_create();
+        demo.params.estimator = estimators[e];
+        demo.params.width = demo.params.height = 8;
+        demo.params.light_samples = 5000;
+        demo.params.accuracy = 0.0f;
+        AmbScene *scene = demo_scene(&demo);
+        ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+        Picture expected;
+        ENSURE_STATUS(picture_render(scene, &demo.params, &expected), AMB_OK);
+        const uint64_t held = memory_held();
+        for (int i = 0; i < moments / 3; ++i) {
+            AmbRender *render = NULL;
+            ENSURE_STATUS(amb_render_start(scene, &demo.params, &render), AMB_OK);
+            sleep_for(test_uniform(&state, 0.0, 0.04));
+            amb_render_cancel(render);
+            int32_t is_ended = 0;
+            const AmbStatus status = amb_render_wait(render, -1.0, &is_ended);
+            ENSURE(is_ended == 1 && (status == AMB_CANCELLED || status == AMB_OK));
+            cancelled += status == AMB_CANCELLED;
+            amb_render_destroy(render);
+            ENSURE_NEAR(memory_held(), held, 0);
+            if (i % 10 != 0)
+                continue;
+            Picture again;
+            ENSURE_STATUS(picture_render(scene, &demo.params, &again), AMB_OK);
+            ENSURE(picture_is_same(&again, &expected));
+            picture_free(&again);
+        }
+        picture_free(&expected);
+        amb_scene_destroy(scene);
+        demo_free(&demo);
+    }
+    printf("%d of %d renders were cancelled before their end\n", cancelled, moments);
+}
+
+/* Two that are begun anew all the time, as viewports do, beside one that runs through. */
+static void viewports_beside_a_final_render(void) {
+    Demo demo = demo_create();
+    AmbScene *scene = demo_scene(&demo);
+    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+    Picture expected;
+    ENSURE_STATUS(picture_render(scene, &demo.params, &expected), AMB_OK);
+    const double seconds = test_is_long() ? 600.0 : 3.0;
+    struct timespec begin, now;
+    clock_gettime(CLOCK_MONOTONIC, &begin);
+    uint64_t state = 4;
+    uint32_t starts = 0, finals = 0;
+    AmbRenderParams views[2] = {demo.params, demo.params};
+    AmbScene *scenes[2] = {NULL, NULL};
+    AmbRender *renders[2] = {NULL, NULL};
+    do {
+        AmbRender *final = NULL;
+        int32_t is_ended = 0;
+        ENSURE_STATUS(amb_render_start(scene, &demo.params, &final), AMB_OK);
+        while (is_ended == 0) {
+            const uint32_t i = starts++ % 2;
+            amb_render_destroy(renders[i]);
+            amb_scene_destroy(scenes[i]);
+            demo.camera_at[0] = (float)test_uniform(&state, -1.0, 1.0);
+            scenes[i] = demo_scene(&demo);
+            views[i].samples = 1000;
+            ENSURE_STATUS(amb_scene_commit(scenes[i]), AMB_OK);
+            ENSURE_STATUS(amb_render_start(scenes[i], &views[i], &renders[i]), AMB_OK);
+            AmbProgress progress;
+            amb_progress_init(&progress);
+            ENSURE_STATUS(amb_render_progress(renders[i], &progress), AMB_OK);
+            static float pixels[16 * 16 * 4];
+            const AmbStatus read =
+                amb_render_read_pass(renders[1 - i], "Combined", pixels, sizeof pixels / 4);
+            ENSURE(read == AMB_OK || read == AMB_INVALID_STATE || renders[1 - i] == NULL);
+            ENSURE_STATUS(amb_render_wait(final, 0.02, &is_ended), AMB_OK);
+        }
+        static float pixels[16 * 16 * 4];
+        ENSURE_STATUS(amb_render_read_pass(final, "Combined", pixels, sizeof pixels / 4), AMB_OK);
+        ENSURE(memcmp(pixels, expected.passes[PASS_COMBINED], sizeof pixels) == 0);
+        amb_render_destroy(final);
+        ++finals;
+        clock_gettime(CLOCK_MONOTONIC, &now);
+    } while (difftime(now.tv_sec, begin.tv_sec) < seconds);
+    for (int i = 0; i < 2; ++i) {
+        amb_render_destroy(renders[i]);
+        amb_scene_destroy(scenes[i]);
+    }
+    printf("%u final renders beside %u of viewports\n", finals, starts);
+    picture_free(&expected);
+    amb_scene_destroy(scene);
+    demo_free(&demo);
+}
+
 /* ---- Files ----------------------------------------------------------------------------------- */
 
 /* An ended render and an empty folder to write its picture to. */
@@ -520,6 +626,8 @@ void test_faults(void) {
     RUN(light_field_shrinks_to_fit);
     RUN(target_keeps_to_the_limit);
     RUN(limit_that_is_too_low_is_one_sentence);
+    RUN(cancel_at_any_moment);
+    RUN(viewports_beside_a_final_render);
     RUN(disk_that_is_full_leaves_no_file);
     RUN(small_disk_says_so);
     RUN(paths_that_cannot_be);
