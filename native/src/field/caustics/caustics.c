@@ -15,7 +15,7 @@ enum { GRAIN = 4096 };
  * need not be smooth. By tests/bench/bench_caustics.py. */
 static const float ECCENTRICITY_MAX = 128.0f;
 static const float AXIS_MIN = 0.005f;
-static const float AXIS_MAX = 64.0f;
+static const float AXIS_MAX = 32.0f;
 /* A source with an extent is sampled by one point for each ray, so that cells of the lattice land
  * apart by chance. Its image blurs the light in any case: a kernel as wide as part of it adds this
  * share of its variance, and takes in more photons, but never so many that they take long. */
