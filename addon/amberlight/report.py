@@ -81,7 +81,9 @@ def effect_lines(report: dict[str, Any]) -> list[str]:
         if effect.get("count"):
             done += f" up to {effect['count']}"
         reason = f", {effect['reason']}" if effect.get("reason") else ""
-        lines.append(f"{name}: {done}{reason}{share_text(effect.get('share'))}")
+        measured = effect.get("measured")
+        shown = f"; measured {percent(measured)}" if measured is not None else ""
+        lines.append(f"{name}: {done}{reason}{share_text(effect.get('share'))}{shown}")
         lines += [
             f"    {item['name']}: skipped{share_text(item.get('share'))}"
             for item in effect.get("objects", ())

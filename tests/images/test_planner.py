@@ -8,10 +8,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from api import handles, library
 from planner_scenes import SCENES, PlannerScene
-from planner_shares import BOUNCES, COUNTS, EVERYTHING, ORDERS, render_passes
+from planner_shares import BOUNCES, COUNTS, EVERYTHING, ORDERS, object_mask, render_passes
 
 MEASURED: dict[str, dict[str, Any]] = json.loads(
     (Path(__file__).parent / "references/planner_shares.json").read_text()
@@ -162,7 +163,15 @@ def test_a_render_does_as_its_plan_says() -> None:
         scene, SIZE, ("Combined", *ORDERS.values()), **settings
     )
     del plan["plan"]["cpu_s"], report["plan"]["cpu_s"]
+    measured = {effect["name"]: effect.pop("measured") for effect in report["effects"]}
+    assert {effect.pop("measured") for effect in plan["effects"]} == {None}
     assert report["plan"] == plan["plan"] and report["effects"] == plan["effects"]
+    single = orders[0][object_mask(scene, SIZE)]
+    radiance = combined[object_mask(scene, SIZE)].mean()
+    assert measured["single scattering"] == pytest.approx(
+        np.sqrt(np.mean(single**2)) / radiance, rel=0.1
+    )
+    assert measured["multiple scattering"] is None and measured["surface reflection"] is None
     assert combined.mean() > 0
     for name, image in zip(ORDERS, orders, strict=True):
         assert (image.mean() > 0) == effects(plan)[name]["simulated"]

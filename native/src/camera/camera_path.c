@@ -29,7 +29,9 @@ static void pass_medium(Walker *walker, Branch *branch, float length) {
         (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0) {
         const FieldRadiance gathered = field_gather(walker->field, &segment);
         CameraSample *out = walker->out;
-        out->orders[0] = rgb_madd(out->orders[0], branch->throughput, gathered.radiance);
+        const Rgb single = rgb_mul(branch->throughput, gathered.radiance);
+        out->orders[0] = rgb_add(out->orders[0], single);
+        walker_note(walker, &branch->way, single);
         const float weight = rgb_mean(branch->throughput);
         out->frequency += weight * gathered.frequency;
         out->contribution += weight * gathered.contribution;
@@ -43,12 +45,13 @@ static void pass_medium(Walker *walker, Branch *branch, float length) {
 }
 
 /* Adds light that arrives at the end of the branch. */
-static void see_surface(const Walker *walker, const Branch *branch, Rgb radiance) {
+static void see_surface(Walker *walker, const Branch *branch, Rgb radiance) {
     const Rgb arriving = rgb_mul(branch->throughput, radiance);
     if (walker->observer != NULL)
         walker->observer->see_light(walker->observer->user, &branch->way, 0, arriving);
     else
         walker->out->surface = rgb_add(walker->out->surface, arriving);
+    walker_note(walker, &branch->way, arriving);
 }
 
 static void follow(Walker *walker, Branch branch);
@@ -141,6 +144,7 @@ static void follow(Walker *walker, Branch branch) {
         return;
     }
     /* An observer's light has no orders to put what glows on the surface into. */
+    walker->way = branch.way;
     const Rgb glow = walker->observer != NULL ? rgb(0, 0, 0) : branch.throughput;
     see_surface(walker, &branch,
                 shade_diffuse(walker, &arrival.crossing.surface, branch.d, &branch.stack, glow));

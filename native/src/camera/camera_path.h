@@ -8,6 +8,15 @@
 
 enum { CAMERA_ORDER_COUNT = 3 };
 
+/* Effects of the camera's side whose part of the radiance is kept. */
+enum {
+    CAMERA_PART_REFLECTION,
+    CAMERA_PART_BACKGROUND,
+    CAMERA_PART_BOUNCES,
+    CAMERA_PART_WORLD_LIGHT, /* scattered light of the surroundings, as walks find it */
+    CAMERA_PART_COUNT
+};
+
 typedef struct CameraParams {
     const CausticMap *caustics; /* on opaque surfaces; NULL: none */
     uint32_t width, height;     /* of the full image, pixels */
@@ -28,6 +37,7 @@ typedef struct CameraParams {
 typedef struct CameraSample {
     Rgb orders[CAMERA_ORDER_COUNT]; /* scattered once, twice, more often in media, W m^-2 sr^-1 */
     Rgb surface;                    /* not scattered in a medium */
+    float parts[CAMERA_PART_COUNT]; /* of all this, mean of channels; they overlap */
     float alpha;
     float depth;         /* along the view axis, m; CAMERA_DEPTH_NONE where nothing is seen */
     float frequency;     /* sum of contribution * frequency factor */

@@ -63,7 +63,9 @@ bool walk_is_wanted(const CameraParams *params) {
 static void add(const Walk *walk, uint32_t order, Rgb radiance) {
     Rgb *orders = walk->walker->out->orders;
     const uint32_t index = order < CAMERA_ORDER_COUNT ? order : CAMERA_ORDER_COUNT;
-    orders[index - 1] = rgb_madd(orders[index - 1], walk->throughput, radiance);
+    const Rgb light = rgb_mul(walk->throughput, radiance);
+    orders[index - 1] = rgb_add(orders[index - 1], light);
+    walker_note(walk->walker, &walk->walker->way, light);
 }
 
 /* Light of the surroundings, which has scattered as often as the walk. */
@@ -74,6 +76,7 @@ static void add_surroundings(const Walk *walk, Rgb radiance) {
                                     rgb_mul(walk->throughput, radiance));
     else
         add(walk, walk->order, radiance);
+    walker->out->parts[CAMERA_PART_WORLD_LIGHT] += rgb_mean(rgb_mul(walk->throughput, radiance));
 }
 
 static bool wants_surroundings(const Walk *walk) {

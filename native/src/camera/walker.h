@@ -17,8 +17,20 @@ typedef struct Walker {
     uint32_t dimension; /* next unused random number */
     CameraSample *out;
     const CameraObserver *observer; /* NULL: what is seen is summed up in out */
-    CameraWay way;                  /* the observer's, of a walk's beginning */
+    CameraWay way;                  /* of a walk's beginning */
 } Walker;
+
+/* Notes which effects radiance along a way owes itself to. */
+static inline void walker_note(Walker *walker, const CameraWay *way, Rgb radiance) {
+    const float mean = rgb_mean(radiance);
+    float *parts = walker->out->parts;
+    if ((way->effects & AMB_EFFECT_SURFACE_REFLECTION) != 0)
+        parts[CAMERA_PART_REFLECTION] += mean;
+    if ((way->effects & AMB_EFFECT_BACKGROUND) != 0)
+        parts[CAMERA_PART_BACKGROUND] += mean;
+    if (way->bounces > 0)
+        parts[CAMERA_PART_BOUNCES] += mean;
+}
 
 static inline float walker_random(Walker *walker) {
     return rng_float(walker->rng, walker->dimension++);

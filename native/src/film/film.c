@@ -74,6 +74,9 @@ void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum) {
         atomic_fetch_add(&film->nonfinite_surface, 1);
         add.surface = rgb(0, 0, 0);
     }
+    for (int k = 0; k < FILM_PART_COUNT; ++k)
+        if (!isfinite(add.parts[k]))
+            add.parts[k] = 0.0f;
     /* Refused with its parts. */
     if (!rgb_is_finite(add.half))
         add.half = rgb(0, 0, 0);
@@ -84,6 +87,8 @@ void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum) {
     for (int k = 0; k < FILM_ORDER_COUNT; ++k)
         pixel->orders[k] = rgb_add(pixel->orders[k], add.orders[k]);
     pixel->surface = rgb_add(pixel->surface, add.surface);
+    for (int k = 0; k < FILM_PART_COUNT; ++k)
+        pixel->parts[k] += add.parts[k];
     pixel->alpha += add.alpha;
     pixel->frequency += add.frequency;
     pixel->contribution += add.contribution;

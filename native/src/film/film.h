@@ -10,12 +10,13 @@
 #include "base/status.h"
 #include "math/vec3.h"
 
-enum { FILM_LOCK_COUNT = 64, FILM_ORDER_COUNT = 3 };
+enum { FILM_LOCK_COUNT = 64, FILM_ORDER_COUNT = 3, FILM_PART_COUNT = 4 };
 
 /* What samples add to one pixel. Sums over samples, but for depth: of the first sample. */
 typedef struct FilmPixel {
     Rgb orders[FILM_ORDER_COUNT]; /* scattered once, twice, more often */
     Rgb surface;
+    float parts[FILM_PART_COUNT]; /* of all this, by effect; mean of channels */
     float alpha;
     float frequency, contribution;
     float depth;

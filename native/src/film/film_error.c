@@ -26,3 +26,28 @@ FilmSum film_sum_row(const Film *film, uint32_t y, bool is_objects_only) {
     }
     return sum;
 }
+
+FilmShares film_shares(const Film *film) {
+    FilmShares shares = {.is_known = false};
+    double radiance = 0.0;
+    uint64_t count = 0;
+    for (uint64_t i = 0; i < (uint64_t)film->width * film->height; ++i) {
+        const FilmPixel *pixel = &film->pixels[i];
+        if (pixel->object_count == 0)
+            continue;
+        const double n = (double)pixel->count;
+        for (int k = 0; k < FILM_ORDER_COUNT; ++k)
+            shares.orders[k] +=
+                (double)rgb_mean(rgb_mul(pixel->orders[k], pixel->orders[k])) / (n * n);
+        for (int k = 0; k < FILM_PART_COUNT; ++k)
+            shares.parts[k] += (double)pixel->parts[k] * (double)pixel->parts[k] / (n * n);
+        radiance += (double)rgb_mean(film_pixel_sum(pixel)) / n;
+        ++count;
+    }
+    shares.is_known = radiance > 0.0;
+    for (int k = 0; k < FILM_ORDER_COUNT && shares.is_known; ++k)
+        shares.orders[k] = sqrt(shares.orders[k] * (double)count) / radiance;
+    for (int k = 0; k < FILM_PART_COUNT && shares.is_known; ++k)
+        shares.parts[k] = sqrt(shares.parts[k] * (double)count) / radiance;
+    return shares;
+}

@@ -20,4 +20,13 @@ typedef struct FilmSum {
  * arrive meanwhile. */
 FilmSum film_sum_row(const Film *film, uint32_t y, bool is_objects_only);
 
+/* Shares of what the pixels are made of that show a translucent object: root of the mean square,
+ * relative to their mean radiance. What noise there is adds to them. */
+typedef struct FilmShares {
+    bool is_known; /* there are such pixels, and they are not black */
+    double orders[FILM_ORDER_COUNT], parts[FILM_PART_COUNT];
+} FilmShares;
+
+FilmShares film_shares(const Film *film);
+
 #endif

@@ -18,6 +18,7 @@ static const float STAGE_BEGIN[STAGE_COUNT + 1] = {0.0f, 0.02f, 0.08f, 0.15f, 1.
 
 enum { TILE = 8, ROUND_MAX = 16 };
 _Static_assert((int)CAMERA_ORDER_COUNT == (int)FILM_ORDER_COUNT, "a pass for each order");
+_Static_assert((int)CAMERA_PART_COUNT == (int)FILM_PART_COUNT, "a sum for each part");
 
 /* One pass over all pixels. */
 typedef struct Round {
@@ -63,6 +64,8 @@ static AmbStatus render_pixel(const Round *round, uint32_t x, uint32_t y, uint32
         for (int k = 0; k < CAMERA_ORDER_COUNT; ++k)
             sum.orders[k] = rgb_add(sum.orders[k], sample.orders[k]);
         sum.surface = rgb_add(sum.surface, sample.surface);
+        for (int k = 0; k < CAMERA_PART_COUNT; ++k)
+            sum.parts[k] += sample.parts[k];
         sum.alpha += sample.alpha;
         sum.frequency += sample.frequency;
         sum.contribution += sample.contribution;

@@ -5,6 +5,8 @@
 #include <stdarg.h>
 #include <stdio.h>
 
+#include "film/film_error.h"
+
 typedef struct Text {
     char *buffer;
     uint64_t size, length; /* length goes on counting when the buffer is full */
@@ -69,7 +71,29 @@ static void add_effect_objects(Text *text, const AmbScene *scene, const Plan *pl
     add(text, "]}");
 }
 
-static void add_effects(Text *text, const AmbScene *scene, const Plan *plan) {
+/* What the picture shows of an effect; false where that cannot be told from the rest. */
+static bool measured_share(const FilmShares *shares, uint32_t effect, double *out_share) {
+    static const struct {
+        uint32_t effect, index;
+        bool is_order;
+    } known[] = {{PLAN_SINGLE_SCATTERING, 0, true},
+                 {PLAN_DOUBLE_SCATTERING, 1, true},
+                 {PLAN_MULTIPLE_SCATTERING, 2, true},
+                 {PLAN_SURFACE_REFLECTION, CAMERA_PART_REFLECTION, false},
+                 {PLAN_BACKGROUND, CAMERA_PART_BACKGROUND, false},
+                 {PLAN_CAMERA_BOUNCES, CAMERA_PART_BOUNCES, false},
+                 {PLAN_WORLD_LIGHT, CAMERA_PART_WORLD_LIGHT, false}};
+    for (uint32_t i = 0; i < sizeof known / sizeof known[0] && shares->is_known; ++i)
+        if (known[i].effect == effect) {
+            *out_share = (known[i].is_order ? shares->orders : shares->parts)[known[i].index];
+            return true;
+        }
+    return false;
+}
+
+/* film: of the ended render, or NULL. */
+static void add_effects(Text *text, const AmbScene *scene, const Plan *plan, const Film *film) {
+    const FilmShares shares = film != NULL ? film_shares(film) : (FilmShares){.is_known = false};
     add(text,
         "  \"plan\": {\"automatic\": %s, \"share_min\": %.9g, \"omitted\": %.4g, \"probes\": "
         "%llu, \"cpu_s\": %.6f},\n",
@@ -84,7 +108,11 @@ static void add_effects(Text *text, const AmbScene *scene, const Plan *plan) {
         add_share(text, "share", &effect->share);
         add(text, ", ");
         add_share(text, "omitted", &effect->rest);
-        add(text, ",\n");
+        add(text, ", ");
+        double measured = 0.0;
+        const bool is_measured = effect->is_simulated && measured_share(&shares, i, &measured);
+        add_number(text, "measured", is_measured, measured);
+        add(text, "\n");
         add_effect_objects(text, scene, plan, i);
         add(text, "%s\n", i + 1 < PLAN_EFFECT_COUNT ? "," : "");
     }
@@ -281,7 +309,7 @@ void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t
     add(&text, "  \"estimator_reason\": \"%s\",\n",
         render->has_plan ? render->plan.estimator_reason : "");
     if (render->has_plan)
-        add_effects(&text, render->scene, &render->plan);
+        add_effects(&text, render->scene, &render->plan, &render->film);
     add_stages(&text, render);
     add_memory(&text, render);
     add_light(&text, render);
@@ -305,7 +333,7 @@ void report_write_plan(const AmbScene *scene, const Plan *plan, char *buffer, ui
         plan_estimator_name(plan->estimator), plan->estimator_reason);
     add(&text, "  \"scatter_estimator\": \"%s\",\n  \"scatter_estimator_reason\": \"%s\",\n",
         plan_scatter_estimator_name(plan->scatter_estimator), plan->scatter_estimator_reason);
-    add_effects(&text, scene, plan);
+    add_effects(&text, scene, plan, NULL);
     add(&text, "  \"light_samples\": %llu\n}\n", (unsigned long long)plan->field.sample_target);
     *out_size = text.length + 1;
 }
