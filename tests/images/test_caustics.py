@@ -121,8 +121,7 @@ def test_a_ball_focuses_the_sun(bounces: int) -> None:
             expected += np.sum(2 * np.pi * b * part * np.clip(inside, 0, 1)) / len(b)
         rim = round(96 * (1 - share) / 2)
         part = measured[rim : 96 - rim, rim : 96 - rim]
-        print(share, part.mean() * (2 * w) ** 2, expected)
-        assert part.mean() * (2 * w) ** 2 == pytest.approx(expected, rel=5e-3)
+        assert part.mean() * (2 * w) ** 2 == pytest.approx(expected, rel=2e-3)
 
 
 @pytest.mark.parametrize("sigma_s", [0.0, 0.6])
