@@ -94,7 +94,7 @@ def main() -> int:
     parser.add_argument("--shape", choices=sorted(CAMERAS), default="sphere")
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
-    samples = 64 if options.quick else 512
+    samples = 64 if options.quick else 256
     print(
         f"{options.shape}, {SIZE}^2, walks of 2 x {samples} samples a pixel\n\n"
         f"{'radius':>6}{'ior':>5}{'double: bias':>20}{'error':>10}{'multiple: bias':>20}"

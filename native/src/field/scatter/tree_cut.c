@@ -18,7 +18,7 @@ enum {
 
 /* A node is replaced by its children where it may be wrong by more than this share of the sum;
  * [Walter05] takes 2 %. */
-static const float CUT_ERROR = 0.01f;
+static const float CUT_ERROR = 0.005f;
 
 /* One object. */
 typedef struct Cloud {
