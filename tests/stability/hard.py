@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import api
+from api import _ffi
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "docs/stability.json"
@@ -32,6 +33,14 @@ METHODS: dict[str, dict[str, Any]] = {
     "TUBES": {"estimator": api.TUBES},
     "SPECULAR": {"estimator": api.SPECULAR},
 }
+# Later orders of scattering, over the tubes.
+LATER = _ffi.AMB_EFFECT_DOUBLE_SCATTERING | _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
+for _name in ("WALK", "PHOTONS"):
+    METHODS[_name] = {
+        "effects": api.SINGLE | LATER,
+        "scatter_estimator": getattr(_ffi, f"AMB_SCATTER_{_name}"),
+    }
+ORDERS = ("WALK", "PHOTONS")
 POINTS = ("POINTS_FIXED", "POINTS_COVARIANCE")
 TRIANGLES = ("TUBES", "SPECULAR")
 ALL = POINTS + TRIANGLES
@@ -57,7 +66,7 @@ class Case:
     group: str = ""
 
     def bound_of(self, method: str) -> float:
-        is_kernel = method in POINTS and self.bound_points is not None
+        is_kernel = method in (*POINTS, "PHOTONS") and self.bound_points is not None
         return float(self.bound_points if is_kernel else self.bound)
 
     @property

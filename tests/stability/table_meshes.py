@@ -10,7 +10,6 @@ import numpy as np
 from api import SINGLE, _ffi
 from hard import POINTS, ROOT, Case
 from meshes import Mesh, box, bumpy_sphere, icosphere, large_slab, read_obj, subdivide
-from numpy.typing import NDArray
 from oracles import Slab
 from scenes import POINT, SUN, Body, Camera, Lamp, Setup, difference, mean, picture, relative
 from table_media import slab_setup
@@ -209,8 +208,8 @@ def rounded_ball(method: str, distance: float) -> float:
     far = near.placed(move=move, moves_vertices=True)
 
     # Lamp and camera are rounded too: take places that floats have there.
-    def snap(p: NDArray[np.float64]) -> NDArray[np.float64]:
-        return (np.asarray(p) + move).astype(np.float32).astype(np.float64) - move
+    def snap(place: object) -> np.ndarray:
+        return (np.asarray(place) + move).astype(np.float32).astype(np.float64) - move
 
     lamps = tuple(replace(lamp, position=snap(lamp.position)) for lamp in BALL.lamps)
     camera = replace(BALL.camera, at=snap(BALL.camera.at))

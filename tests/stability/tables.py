@@ -5,16 +5,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import table_continuity
 import table_estimators
 import table_lights
 import table_media
 import table_meshes
+import table_orders
 
 TABLES = {
     "Estimators": table_estimators.CASES,
     "Lamps and cameras": table_lights.CASES,
     "Media": table_media.CASES,
     "Meshes and places": table_meshes.CASES,
+    "Later orders": table_orders.CASES,
+    "Continuity": table_continuity.CASES,
 }
 
 CASES = [replace(case, group=group) for group, cases in TABLES.items() for case in cases]
