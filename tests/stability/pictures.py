@@ -87,9 +87,9 @@ def write_png(path: Path, pixels: np.ndarray) -> None:
     )
 
 
-def render_one(name: str, path: str) -> None:
-    """In a process of its own, whose environment names the library."""
-    sys.path[:0] = [str(HERE), str(HERE.parent / "images")]
+def render_one(name: str, path: str, root: str) -> None:
+    """In a process of its own, with the library and the binding of that checkout."""
+    sys.path[:0] = [str(HERE), str(Path(root) / "tests/images")]
     from dataclasses import replace
 
     from scenes import picture
@@ -98,7 +98,7 @@ def render_one(name: str, path: str) -> None:
     np.save(path, picture(setup, PICTURES[name][1], samples=4, light_samples=2**17))
 
 
-def library_before(subject: str, folder: Path) -> Path:
+def checkout_before(subject: str, folder: Path) -> Path:
     """Builds the parent of the commit with that subject."""
     commit = subprocess.check_output(
         ["git", "log", "-1", "--format=%H", "--fixed-strings", f"--grep={subject}"],
@@ -115,7 +115,7 @@ def library_before(subject: str, folder: Path) -> Path:
         ["cmake", "--build", "build/release", "--target", "amberlight"],
     ):
         subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
-    return folder / "build/release/lib/libamberlight.so"
+    return folder
 
 
 def main() -> None:
@@ -123,14 +123,15 @@ def main() -> None:
     work = Path(tempfile.mkdtemp())
     try:
         fixes = {subject: None for subject, _ in PICTURES.values()}
-        before = {s: library_before(s, work / str(i)) for i, s in enumerate(fixes)}
-        after = ROOT / "build/release/lib/libamberlight.so"
+        before = {s: checkout_before(s, work / str(i)) for i, s in enumerate(fixes)}
         for name, (subject, _) in PICTURES.items():
             halves = []
-            for library in (before[subject], after):
+            for root in (before[subject], ROOT):
                 path = str(work / "half.npy")
+                library = root / "build/release/lib/libamberlight.so"
                 environment = os.environ | {"AMBERLIGHT_LIBRARY": str(library)}
-                subprocess.run([sys.executable, __file__, name, path], env=environment, check=True)
+                command = [sys.executable, __file__, name, path, str(root)]
+                subprocess.run(command, env=environment, check=True)
                 halves.append(np.load(path))
             white = np.percentile(halves[1], 99.5)
             gap = np.full((SIZE, 4, 3), white)
@@ -143,7 +144,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 3:
+    if len(sys.argv) == 4:
         render_one(*sys.argv[1:])
     else:
         main()

@@ -33,7 +33,7 @@ def furnace(method: str, radius: float, g: float, ior: float) -> float:
     settings = {
         "threads": 1,
         "light_samples": 2**17,
-        "samples": 256,
+        "samples": 2048 if method == "WALK" else 256,
         "camera_bounces": 32,
         "film_transparent": 0,
     }
@@ -85,7 +85,7 @@ CASES = [
         Case(
             f"furnace, radius {r:g}, g = {g:g}, ior {n:.8g}",
             FURNACE,
-            3e-2,
+            5e-2,
             lambda m, r=r, g=g, n=n: furnace(m, r, g, n),
             ORDERS,
             bound_points=0.1,

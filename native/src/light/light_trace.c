@@ -151,8 +151,8 @@ static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, 
         if (branch->entry_area == 0.0f) {
             /* A light inside the medium spreads from a point: its largest cross-section takes
              * the place of the one at entry. */
-            branch->entry_area = tangent_cross_section(&beam.spread, visible);
-            branch->cell_area = tangent_cell_area(branch->pairs, branch->d, visible);
+            branch->entry_area = tangent_cross_section(&beam.spread, visible) / GROWTH_MAX;
+            branch->cell_area = tangent_cell_area(branch->pairs, branch->d, visible) / GROWTH_MAX;
         }
         if (branch->lamp > 0.0f) {
             /* A lamp close to the surface: cells are points there, and rays part as from a lamp
