@@ -194,12 +194,14 @@ def from_json(data: dict[str, Any], regions: tuple[int, int]) -> Orders:
     return Orders(mean, error, data)
 
 
-def trace(scene: OrderScene, paths: float, seed: int = 1, threads: int = 1) -> Orders:
-    """Asks the tracer for ``paths`` paths in each region."""
+def trace(
+    scene: OrderScene, paths: float, seed: int = 1, threads: int = 1, last_order: int = 0
+) -> Orders:
+    """Asks the tracer for ``paths`` paths in each region, to their end or to an order."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "scene.txt"
-        text = f"paths {int(paths)}\nseed {seed}\nthreads {threads}\n{scene.text()}"
-        file.write_text(text)
+        head = f"paths {int(paths)}\nseed {seed}\nthreads {threads}\nlast_order {last_order}\n"
+        file.write_text(head + scene.text())
         output = subprocess.run([TRACER, file], check=True, capture_output=True, text=True).stdout
     return from_json(json.loads(output), scene.regions)
 

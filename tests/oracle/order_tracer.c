@@ -172,6 +172,7 @@ typedef struct Scene {
     bool reenters;  /* paths that leave the body may come back to it, and the camera's may be
                      * reflected first; else the body only casts a shadow on its lamps */
     uint64_t paths; /* of each region */
+    int last_order; /* paths end after so many scatterings; 0: never */
     uint64_t seed;
     int threads;
     uint32_t vertex_count, triangle_count;
@@ -248,6 +249,8 @@ static bool read_setting(Scene *scene, FILE *file, const char *key) {
         scene->world = number(file, key);
     else if (strcmp(key, "paths") == 0)
         scene->paths = (uint64_t)number(file, key);
+    else if (strcmp(key, "last_order") == 0)
+        scene->last_order = (int)number(file, key);
     else if (strcmp(key, "seed") == 0)
         scene->seed = (uint64_t)number(file, key);
     else if (strcmp(key, "threads") == 0)
@@ -507,6 +510,8 @@ static void trace(const Scene *scene, int region, Dice *dice, double *found, Sum
             return;
         }
         if (!is_wall) { /* a scattering */
+            if (scene->last_order > 0 && order == scene->last_order)
+                return;
             weight *= albedo;
             ++order;
             if (weight < ROULETTE_WEIGHT) {

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Orders of scattering: how well the library agrees with the independent path tracer, and what each
+pays for order 2.
+
+    python3 tests/bench/bench_orders.py table [--runs 16]   # z-scores, as in docs/accuracy.md
+    python3 tests/bench/bench_orders.py flux                # watts in and out of white spheres
+    python3 tests/bench/bench_orders.py speed               # order 2, at equal error
+
+The tracer comes with the C tests: cmake --build build/dev --target order_tracer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "images"))
+
+from api import TUBES, render  # noqa: E402
+from order_scenes import (  # noqa: E402
+    DOUBLE,
+    LAMP,
+    ORDERS,
+    RADII,
+    WALK,
+    Ball,
+    library_orders,
+    reference_scene,
+    stored_orders,
+    trace,
+    white_flux,
+    whole,
+)
+
+SHAPES = ["sphere", "slab", "bumpy"]
+TABLE_SIZE = 32
+# Kernels must be narrow against free paths.
+VOLUME_SAMPLES = {0.3: 2**15, 2.0: 2**16, 10.0: 2**18}
+
+LAMP_RADIUS = 0.05
+SPEED_PATHS = 1.6e7
+SPEED_SIZE, SPEED_SAMPLES, SPEED_RUNS = 32, 2, 8
+# What the costs are stated for: each pixel of a picture to this relative error.
+PICTURE, PIXEL_ERROR = 128 * 128, 0.05
+
+
+def table(runs: int) -> None:
+    names = ["1", "2", "3", "4+", "1+"]
+    print("| scene | " + " | ".join(f"order {name}" for name in names) + " | z of regions |")
+    print("|---|" + "---|" * (len(names) + 1))
+    for shape in SHAPES:
+        for radius in RADII:
+            known = stored_orders(shape, radius)
+            scene = reference_scene(shape, radius)
+            samples = VOLUME_SAMPLES[radius]
+            found = library_orders(scene, TABLE_SIZE, runs, light_samples=samples)
+            (mean, error), (ours, our_error) = whole(known), whole(found)
+            cells = []
+            for name in names:
+                k = ORDERS.index(name)
+                sigma = np.hypot(error[k], our_error[k])
+                off, z = ours[k] / mean[k] - 1, (ours[k] - mean[k]) / sigma
+                cells.append(f"{off:+.2%} ({sigma / mean[k]:.2%}), {z:+.1f}")
+            columns = [ORDERS.index(name) for name in names[:-1]]
+            sigma = np.hypot(found.error, known.error)[..., columns]
+            z = (found.mean - known.mean)[..., columns] / sigma
+            rms, most = np.sqrt(np.mean(z**2)), np.abs(z).max()
+            tail = f"rms {rms:.2f}, most {most:.1f}"
+            print(f"| {shape} {radius:g} | " + " | ".join([*cells, tail]) + " |", flush=True)
+
+
+def flux(views: int, samples: int) -> None:
+    print("| index | g | out / interacting - 1 |")
+    print("|---|---|---|")
+    for ior, g in ((1.0, 0.5), (1.5, 0.0)):
+        out, interacting = white_flux(ior, g, views, samples)
+        print(f"| {ior:g} | {g:g} | {out / interacting - 1:+.2%} |", flush=True)
+
+
+def speed() -> None:
+    """CPU seconds for order 2 of a picture; both follow all internal reflections that matter."""
+    k = ORDERS.index("2")
+    intensity = LAMP.radiance * LAMP.size[0] * LAMP.size[1]
+    print("| scene | radiance, tracer | walk | tracer, CPU s | walk, CPU s | ratio |")
+    print("|---|---|---|---|---|---|")
+    for shape, radius in (("sphere", 2.0), ("bumpy", 2.0), ("slab", 2.0), ("sphere", 0.3)):
+        lamps = [Ball(LAMP.position, LAMP_RADIUS, intensity)]
+        scene = dataclasses.replace(reference_scene(shape, radius), lamps=lamps, regions=(1, 1))
+        traced = trace(scene, SPEED_PATHS, last_order=2)
+        mean, error = traced.mean[0, 0, k], traced.error[0, 0, k]
+        paths = traced.data["paths"]
+        per_path = traced.data["cpu_seconds"] / paths
+        paths_needed = PICTURE * error**2 * paths / (PIXEL_ERROR * mean) ** 2
+        pictures, camera, field = [], 0.0, 0.0
+        for seed in range(SPEED_RUNS):
+            image = render(
+                scene.build,
+                SPEED_SIZE,
+                name="Double Scattering",
+                effects=DOUBLE,
+                estimator=TUBES,
+                scatter_estimator=WALK,
+                scatter_order_max=2,
+                light_bounces=2,
+                camera_bounces=64,
+                adjoint_normals=1,
+                samples=SPEED_SAMPLES,
+                seed=seed,
+            )
+            pictures.append(image.pixels[..., 1].astype(np.float64))
+            cost = {stage["name"]: stage["cpu_s"] for stage in image.report["stages"]}
+            camera += cost["camera"] / SPEED_RUNS
+            field += (cost["scene"] + cost["light"] + cost["field"]) / SPEED_RUNS
+        stack = np.array(pictures)
+        ours = stack.mean()
+        variance = stack.var(axis=0, ddof=1).mean() * SPEED_SAMPLES  # of one sample
+        needed = PICTURE * variance / (PIXEL_ERROR * ours) ** 2
+        walk = field + needed * camera / (SPEED_SIZE**2 * SPEED_SAMPLES)
+        tracer = paths_needed * per_path
+        print(
+            f"| {shape} {radius:g} | {mean:.4g} +- {error / mean:.1%} | {ours:.4g} "
+            f"+- {np.sqrt(variance / stack.size / SPEED_SAMPLES) / ours:.1%} "
+            f"| {tracer:.3g} | {walk:.3g} | {tracer / walk:.0f} |",
+            flush=True,
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=["table", "flux", "speed"])
+    parser.add_argument("--runs", type=int, default=16, help="pairs of renders of the table")
+    parser.add_argument("--views", type=int, default=256, help="of the flux")
+    parser.add_argument("--samples", type=int, default=16, help="per pixel of the flux")
+    options = parser.parse_args()
+    if options.what == "table":
+        table(options.runs)
+    elif options.what == "flux":
+        flux(options.views, options.samples)
+    else:
+        speed()
+
+
+if __name__ == "__main__":
+    main()
