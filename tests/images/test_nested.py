@@ -14,9 +14,10 @@ import pytest
 from api import (
     POINTS_COVARIANCE,
     SINGLE,
+    TUBES,
     Medium,
-    add_point,
     add_sun,
+    errors,
     handles,
     look,
     render,
@@ -103,7 +104,13 @@ def test_slabs_that_touch(turned: bool) -> None:
     )
 
 
-LAMP = (add_point, ((-4, 3, 6), 100.0))
+def test_tubes_refuse_what_touches() -> None:
+    """They refract at the mesh's own triangles, as if only vacuum were beside them."""
+    pair = slab(0, 1, Medium(1.5, 0.3, 0.1)), slab(1, 2, Medium(1.2, 0.3, 0.1))
+    with pytest.raises(errors.AmbUnsupported, match="inside one another or touch"):
+        seen(SUN, DOWN, *pair, name="Single Scattering", effects=SINGLE, estimator=TUBES)
+
+
 SUN = (add_sun, ((0.2, -0.1, -1), 5.0))
 ABOVE = (set_perspective, ((0.3, 0.2, 6), (0, 0, -1), (0, 1, 0), 0.3))
 
@@ -143,7 +150,7 @@ def test_liquid_in_glass() -> None:
         effects=THROUGH, light_samples=2**12,
     )  # fmt: skip
     assert image.report["warnings"] == []
-    assert image.report["estimator_reason"] == "translucent objects are inside one another"
+    assert image.report["estimator_reason"] == "translucent objects are inside one another or touch"
 
 
 def test_a_bubble_in_resin_is_a_hole() -> None:

@@ -170,6 +170,7 @@ static void touching_faces_are_one_boundary(void) {
                 ENSURE(count == 2);
                 const SurfacePoint surface = scene_surface(scene, &hits[object]);
                 ENSURE(surface.object == object);
+                ENSURE(boundary_is_touched(scene, &surface));
                 const BoundaryCrossing crossing = boundary_cross(scene, &stack, &surface, d);
                 ENSURE(!crossing.is_ignored && !crossing.is_stray && !crossing.is_again);
                 ENSURE(crossing.beyond.count == 1 && crossing.beyond.objects[0] == 1 - inside);
@@ -237,6 +238,10 @@ static void an_opaque_face_on_a_boundary_ends_the_path(void) {
 static void a_bubble_cuts_a_hole(void) {
     static const Slab slabs[2] = {{0.0f, 2.0f, 0}, {1.0f, 3.0f, 1}};
     AmbScene *scene = slab_scene(slabs, 2);
+    Hit hit;
+    ENSURE(scene_intersect(scene, vec3(-1, 0.1f, 0.2f), vec3(1, 0, 0), INFINITY, &hit));
+    const SurfacePoint alone = scene_surface(scene, &hit);
+    ENSURE(!boundary_is_touched(scene, &alone));
     scene->materials[1].ior = 1.0f;
     scene->materials[1].medium = (Medium){.lobe_count = 0};
     MediumStack stack = {.count = 0};

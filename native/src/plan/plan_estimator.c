@@ -52,7 +52,8 @@ static Obstacle light_obstacle(const AmbScene *scene, uint32_t estimator, uint32
     return (Obstacle){NULL, ""};
 }
 
-/* Whether vertices of object o, some of them, are inside of another one. */
+/* Whether vertices of object o, some of them, are inside of another one, or its faces lie on that.
+ */
 static bool is_nested(const AmbScene *scene, uint32_t o) {
     const SceneObject *object = &scene->objects[o];
     bool may_be = false;
@@ -69,6 +70,10 @@ static bool is_nested(const AmbScene *scene, uint32_t o) {
         for (uint32_t k = 0; k < media.count; ++k)
             if (media.objects[k] != o)
                 return true;
+        const Hit middle = {0.0f, 1.0f / 3.0f, 1.0f / 3.0f, o, (uint32_t)triangle};
+        const SurfacePoint surface = scene_surface(scene, &middle);
+        if (boundary_is_touched(scene, &surface))
+            return true;
     }
     return false;
 }
@@ -81,7 +86,8 @@ static Obstacle triangles_obstacle(const AmbScene *scene, uint32_t estimator, ui
         return obstacle;
     for (uint32_t o = 0; o < scene->object_count; ++o)
         if (scene->objects[o].is_boundary && is_nested(scene, o))
-            return (Obstacle){"translucent objects are inside one another", scene->objects[o].name};
+            return (Obstacle){"translucent objects are inside one another or touch",
+                              scene->objects[o].name};
     return (Obstacle){NULL, ""};
 }
 

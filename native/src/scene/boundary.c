@@ -111,6 +111,12 @@ static void find_faces(const AmbScene *scene, const SurfacePoint *surface, Vec3 
     }
 }
 
+bool boundary_is_touched(const AmbScene *scene, const SurfacePoint *surface) {
+    FaceSet set;
+    find_faces(scene, surface, vec3_negate(surface->ng), &set);
+    return set.count > 1;
+}
+
 MediumStack scene_media_at(const AmbScene *scene, Vec3 p) {
     MediumStack entered = {.count = 0}; /* by the probe, after p */
     MediumStack inner_first = {.count = 0};

@@ -62,6 +62,9 @@ typedef struct BoundaryCrossing {
 BoundaryCrossing boundary_cross(const AmbScene *scene, const MediumStack *stack,
                                 const SurfacePoint *surface, Vec3 d);
 
+/* Whether the boundary of another object lies on this one there. */
+bool boundary_is_touched(const AmbScene *scene, const SurfacePoint *surface);
+
 /* The next surface that a path meets. */
 typedef struct BoundaryArrival {
     float t;                   /* m, from the path's origin */

@@ -38,7 +38,7 @@ bool intersector_closest(const Intersector *intersector, Vec3 p, float reach, Ve
 
 /* Every triangle along the way, in the order of geometry and triangle; returns their number, `room`
  * at most. */
-uint32_t intersector_all(const Intersector *intersector, Vec3 o, Vec3 d, float t_max, Hit *out_hits,
+uint32_t intersector_all(Intersector *intersector, Vec3 o, Vec3 d, float t_max, Hit *out_hits,
                          uint32_t room);
 
 /* Rays so far that held a value that is no number: they meet nothing. Above zero it is a defect. */

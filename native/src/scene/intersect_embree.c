@@ -297,8 +297,10 @@ static int compare_hits(const void *left, const void *right) {
     return (a->triangle > b->triangle) - (a->triangle < b->triangle);
 }
 
-uint32_t intersector_all(const Intersector *self, Vec3 o, Vec3 d, float t_max, Hit *out_hits,
+uint32_t intersector_all(Intersector *self, Vec3 o, Vec3 d, float t_max, Hit *out_hits,
                          uint32_t room) {
+    if (!is_traceable(self, o, d, t_max))
+        return 0;
     Collection collection = {.hits = out_hits, .count = 0, .room = room};
     struct RTCRayHit query;
     memset(&query, 0, sizeof query);

@@ -150,8 +150,8 @@ static Rgb pixel_excess(const Spots *spots, uint32_t pixel) {
 }
 
 static Vec3 pixel_direction(const WorldImage *image, uint32_t pixel) {
-    return world_direction(image, (float)(pixel % image->width) + 0.5f,
-                           (float)(pixel / image->width) + 0.5f);
+    const uint32_t x = pixel % image->width, y = pixel / image->width;
+    return world_direction(image, (float)x + 0.5f, (float)y + 0.5f);
 }
 
 /* The lamp that the spot makes; false if it is better left in the image. */
