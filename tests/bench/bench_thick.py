@@ -7,7 +7,7 @@ First a table over optical radius and albedo of a sphere, index 1.5, lit by a po
 double and multiple scattering together, what it cost, and from both what 3 % would cost in an
 image of 256 x 256, in units of what its camera rays alone take. Errors of walks fall with
 n^(-1/2), of photons with n^(-1/3): cells get smaller as photons get more. Then jade, optical
-radius 20, as sphere and as bumpy sphere, against photons thirty-two times as many and along other
+radius 20, as sphere and as bumpy sphere, against photons sixteen times as many and along other
 camera rays, kept under build/bench.
 """
 
@@ -41,7 +41,7 @@ WALK, PHOTONS = _ffi.AMB_SCATTER_WALK, _ffi.AMB_SCATTER_PHOTONS
 SIZE, SAMPLES, TARGET, BAR = 256, 4, 0.03, 60
 TABLE_SIZE = 24  # small: the error of one sample is what counts
 JADE_PHOTONS = 2**18
-REFERENCE_RUNS = 32
+REFERENCE_RUNS = 16
 
 
 @dataclass(frozen=True)

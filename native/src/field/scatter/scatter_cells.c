@@ -15,6 +15,8 @@ enum {
 /* Layers begin this thin, in mean free paths of the densest channel, then each is thicker than the
  * last. */
 static const float LAYER_WIDTH = 0.25f, LAYER_GROWTH = 1.2f;
+/* A layer counts fully where so much of it is around, of what a plane one would have. */
+static const float LAYER_PART = 0.2f;
 /* Light from below this optical depth of the clearest channel is left out: exp(-9) = 1.2e-4. */
 static const float DEPTH_MAX = 9.0f;
 
@@ -34,8 +36,10 @@ static float clearest(const Medium *medium) {
     return least;
 }
 
-static void place_layers(ScatterCells *cells, float radius) {
-    const float width = LAYER_WIDTH / rgb_max(cells->medium->sigma_t);
+static void place_layers(ScatterCells *cells, float radius, float size) {
+    float width = LAYER_WIDTH / rgb_max(cells->medium->sigma_t);
+    /* In thin media, as fine as cubes. */
+    width = width < 0.5f * size ? width : 0.5f * size;
     const float visible = fminf(DEPTH_MAX / clearest(cells->medium), radius);
     /* The first layers are alike up to where growth sets in smoothly: width / (growth - 1). */
     const float uniform = roundf(1.0f / logf(LAYER_GROWTH));
@@ -268,7 +272,7 @@ AmbStatus scatter_cells_build(const AmbScene *scene, uint32_t object, uint32_t d
     out_cells->slot_count = slot_count;
     out_cells->float_count = slot_count * harmonic_count(degree) * 4;
     AMB_TRY(depth_grid_build(scene, object, job, &out_cells->depth));
-    place_layers(out_cells, shape->radius);
+    place_layers(out_cells, shape->radius, size);
     place_nodes(out_cells, size);
     return measure_volumes(scene, object, job, out_cells);
 }
@@ -342,9 +346,10 @@ static float layer_middle(const ScatterCells *cells, uint32_t layer) {
 }
 
 /* Radiance scattered per metre at one depth, by slot: moments over volumes of the nodes around,
- * each in proportion to its volume too, so that slivers say little. False: no cell. */
-static bool sample_layer(const ScatterCells *cells, const Cube *cube, uint32_t layer,
-                         const float (*weights)[4], float out[SLOT_MAX][4]) {
+ * each in proportion to its volume too, so that slivers say little. Returns how far that can be
+ * relied on, 0 to 1: less where little of the layer is near. */
+static float sample_layer(const ScatterCells *cells, const Cube *cube, uint32_t layer,
+                          const float (*weights)[4], float out[SLOT_MAX][4]) {
     const uint32_t count = harmonic_count(cells->harmonics.degree);
     float volume = 0.0f;
     memset(out, 0, SLOT_MAX * sizeof *out);
@@ -366,11 +371,13 @@ static bool sample_layer(const ScatterCells *cells, const Cube *cube, uint32_t l
         }
     }
     if (!(volume > 0.0f))
-        return false;
+        return 0.0f;
     for (uint32_t s = 0; s < cells->slot_count; ++s)
         for (int k = 0; k < 4; ++k)
             out[s][k] /= volume;
-    return true;
+    const float thickness = cells->layers[layer + 1] - cells->layers[layer];
+    const float whole = cells->size * cells->size * fminf(thickness, cells->size);
+    return fminf(volume / (LAYER_PART * whole), 1.0f);
 }
 
 /* Linear in depth between the middles of layers, and on to the boundary beyond the first. */
@@ -385,11 +392,15 @@ static void sample_source(const ScatterCells *cells, Vec3 p, const float (*weigh
     if (layer > 0 && (depth < layer_middle(cells, layer) || layer + 1 == cells->layer_count))
         --layer;
     float next[SLOT_MAX][4];
-    const bool is_here = sample_layer(cells, &cube, layer, weights, out);
-    if (layer + 1 >= cells->layer_count || !sample_layer(cells, &cube, layer + 1, weights, next))
+    const float here = sample_layer(cells, &cube, layer, weights, out);
+    if (layer + 1 >= cells->layer_count)
+        return;
+    const float there = sample_layer(cells, &cube, layer + 1, weights, next);
+    if (!(there > 0.0f))
         return;
     const float from = layer_middle(cells, layer), to = layer_middle(cells, layer + 1);
-    const float x = is_here ? (depth - from) / (to - from) : 1.0f;
+    float x = there * (depth - from) / (to - from);
+    x = 1.0f - here * (1.0f - x);
     for (uint32_t s = 0; s < cells->slot_count; ++s)
         for (int k = 0; k < 4; ++k)
             out[s][k] += x * (next[s][k] - out[s][k]);
