@@ -18,6 +18,16 @@ def empty_scene():
     return scene
 
 
+@pytest.fixture(autouse=True)
+def every_sample_is_a_number(empty_scene):
+    """What the film refuses is a defect, in whichever test."""
+    from amberlight import report
+
+    yield
+    lines = [line for summary in report.LAST.values() for line in summary.warnings]
+    assert not [line for line in lines if "not finite" in line]
+
+
 @pytest.fixture
 def scene(empty_scene):
     return empty_scene
