@@ -118,12 +118,18 @@ typedef struct Measure {
     uint32_t parity;
 } Measure;
 
+/* Shortest step of measure_stretch, in lengths of the stretch. */
+static const float STEP_SHARE_MIN = 1e-4f;
+
 /* Adds the part of a line, of cross-section `area`, between two surfaces. Steps are shorter than
  * layers are thick and cubes are wide; far below the layers they are as long as the way to them. */
 static void measure_stretch(const Measure *measure, Vec3 o, Vec3 d, float length, float area) {
     const ScatterCells *cells = measure->cells;
     const float deepest = cells->layers[cells->layer_count];
     const float step_max = 0.5f * cells->size;
+    /* In a medium so dense that layers are thinner than this they are met by chance; shorter steps
+     * would never end, or not move at all. */
+    const float step_min = STEP_SHARE_MIN * length;
     float t = 0.0f;
     while (t < length) {
         const float depth = depth_grid_at(&cells->depth, vec3_madd(o, t, d));
@@ -132,6 +138,7 @@ static void measure_stretch(const Measure *measure, Vec3 o, Vec3 d, float length
         step = step < 0.08f * depth ? 0.08f * depth : step;
         step = step < step_max ? step : step_max;
         step = step > free ? step : free;
+        step = step > step_min ? step : step_min;
         step = step < length - t ? step : length - t;
         const Vec3 p = vec3_madd(o, t + 0.5f * step, d);
         t += step;
