@@ -91,6 +91,16 @@ static Obstacle triangles_obstacle(const AmbScene *scene, uint32_t estimator, ui
     return (Obstacle){NULL, ""};
 }
 
+/* Where light is totally reflected outside, tubes beside the critical angle are cut to the last: a
+ * gather through them takes hundreds of times what points take (bench_planner.py). */
+static bool has_low_index(const AmbScene *scene) {
+    for (uint32_t o = 0; o < scene->object_count; ++o)
+        if (scene_object_scatters(scene, o) &&
+            scene->materials[scene->objects[o].inside].ior < 1.0f)
+            return true;
+    return false;
+}
+
 AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *params,
                          const MeshProblems *problems, Plan *plan) {
     plan->estimator = params->estimator;
@@ -131,6 +141,9 @@ AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *params,
     } else if (problems->is_nested) {
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = "translucent objects overlap or touch, by probe rays";
+    } else if (has_low_index(scene)) {
+        plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
+        plan->estimator_reason = "an index is below 1: tubes are cut finely at the critical angle";
     } else if (bounces > TUBE_BOUNCES_AUTO) {
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = "light_bounces is more than 2: tubes would spread over everything";
