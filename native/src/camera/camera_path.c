@@ -140,6 +140,7 @@ static void follow(Walker *walker, Branch branch) {
         out->depth = arrival.t;
     if (!arrival.is_opaque) {
         out->is_object = out->is_object || branch.depth == 0;
+        branch.depth += arrival.passed_count;
         follow_boundary(walker, &branch, &arrival.crossing);
         return;
     }

@@ -279,6 +279,7 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
         BoundaryArrival next_surface;
         const bool is_hit =
             boundary_find(scene, &branch.stack, branch.o, branch.d, INFINITY, &next_surface);
+        event += (int)next_surface.passed_count;
         /* Each object that a light reaches first has rays of its own. */
         const BoundaryCrossing *crossing = &next_surface.crossing;
         if (is_hit && is_outside && branch.is_direct && crossing->surface.object != batch->target)
