@@ -217,7 +217,7 @@ FieldRadiance AMB_POINT_GATHER(const PointTree *tree, const Medium *medium, Vec3
             mask &= mask - 1;
             if (node->child[i] < 0)
                 gather_block(&tree->blocks[~node->child[i]], medium, &q, &sums);
-            else
+            else if (node->child[i] > 0) /* 0: an unused lane, which a ray of odd numbers may hit */
                 stack[depth++] = node->child[i];
         }
     }
