@@ -308,7 +308,7 @@ static bool step(Walk *walk) {
     if (!(sum > 0.0f))
         return false;
     const float u = walker_random(walk->walker) * sum;
-    if (u < choice.scatter) {
+    if (material != NULL && u < choice.scatter) {
         collide(walk, &material->medium, length, target.has_passed);
         walk->throughput = rgb_scale(walk->throughput, sum / choice.scatter);
         scatter(walk, &material->medium);

@@ -61,8 +61,9 @@ static AmbStatus choose_medium(const AmbScene *scene, SceneObject *object) {
 /* Where the corners of a triangle are, beginning with the least: equal for triangles that lie on
  * each other and wind alike, whatever vertices they have. */
 typedef struct Place {
-    Vec3 p[3];
+    uint32_t words[9]; /* the bits of three points */
 } Place;
+_Static_assert(sizeof(Place) == 3 * sizeof(Vec3), "three points");
 
 static Place place_of(const SceneMesh *mesh, uint64_t triangle) {
     const uint32_t *i = corner_indices(mesh, triangle);
@@ -75,17 +76,16 @@ static Place place_of(const SceneMesh *mesh, uint64_t triangle) {
     Place place;
     for (int k = 0; k < 3; ++k) {
         const Vec3 p = mesh->positions[i[(least + k) % 3]];
-        place.p[k] = vec3_add(p, vec3(0, 0, 0)); /* no -0: it has other bits than 0 */
+        const Vec3 plain = vec3_add(p, vec3(0, 0, 0)); /* no -0: it has other bits than 0 */
+        memcpy(place.words + 3 * k, &plain, sizeof plain);
     }
     return place;
 }
 
 static uint64_t hash_place(const Place *place) {
-    uint32_t words[sizeof *place / sizeof(uint32_t)];
-    memcpy(words, place, sizeof words);
     uint64_t hash = 0;
-    for (size_t i = 0; i < sizeof words / sizeof words[0]; ++i) {
-        hash = (hash ^ words[i]) * UINT64_C(0x9E3779B97F4A7C15);
+    for (size_t i = 0; i < sizeof place->words / sizeof place->words[0]; ++i) {
+        hash = (hash ^ place->words[i]) * UINT64_C(0x9E3779B97F4A7C15);
         hash ^= hash >> 29;
     }
     return hash;
