@@ -98,15 +98,17 @@ def single_triangle(corners: Array, normals: Array) -> Mesh:
 
 
 def read_obj(path: Path) -> Mesh:
-    """An OBJ of triangles whose normals have the vertices' own indices."""
+    """An OBJ of triangles; normals, where it has any, have the vertices' own indices."""
     columns: dict[str, list[list[str]]] = {"v": [], "vn": [], "f": []}
     for line in path.read_text().splitlines():
         words = line.split()
         if words and words[0] in columns:
             columns[words[0]].append(words[1:])
     corners = [[word.split("/") for word in face] for face in columns["f"]]
+    triangles = np.array([[int(c[0]) - 1 for c in face] for face in corners], dtype=np.uint32)
+    positions = np.array(columns["v"], dtype=np.float64)
+    if not columns["vn"]:
+        return Mesh(positions, triangles)
     if any(corner[0] != corner[-1] for face in corners for corner in face):
         raise ValueError(f"{path}: normals are indexed apart from the vertices")
-    triangles = np.array([[int(c[0]) - 1 for c in face] for face in corners], dtype=np.uint32)
-    normals = np.array(columns["vn"], dtype=np.float64)
-    return Mesh(np.array(columns["v"], dtype=np.float64), triangles, normals)
+    return Mesh(positions, triangles, np.array(columns["vn"], dtype=np.float64))

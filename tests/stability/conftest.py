@@ -15,7 +15,6 @@ for folder in (HERE, HERE.parent / "images"):
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--long", action="store_true", help="also the cases that take minutes")
     parser.addoption("--record", action="store_true", help="write docs/stability.md")
 
 
@@ -23,11 +22,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if config.getoption("--record"):
         # The document is written after the run, and held against the tables by the next.
         items[:] = [item for item in items if "document" not in item.name]
-    if not config.getoption("--long"):
-        skip = pytest.mark.skip(reason="takes minutes: --long")
-        for item in items:
-            if item.get_closest_marker("slow"):
-                item.add_marker(skip)
 
 
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:

@@ -6,8 +6,7 @@ may miss it. It is one entry of a table (table_*.py); it is run by test_hard_cas
 method that it names; the largest errors go into docs/stability.json, and docs/stability.md is
 written from that file:
 
-    python3 -m pytest tests/stability --record          # the cases of every day
-    python3 -m pytest tests/stability --record --long   # those that take minutes too
+    python3 -m pytest tests/stability --record
 """
 
 from __future__ import annotations
@@ -61,7 +60,6 @@ class Case:
     error: Callable[[str], float]
     methods: tuple[str, ...] = ALL
     bound_points: float | None = None
-    is_slow: bool = False
     needs: Path | None = None  # a file that not every checkout has
     group: str = ""
 

@@ -343,16 +343,14 @@ CASES = [
         millions,
         ("POINTS_COVARIANCE", "TUBES"),
         bound_points=2e-2,
-        is_slow=True,
     ),
     Case(
         "non-manifold scan",
         "exact connections; relative",
-        3e-2,
+        1e-2,
         buddha,
         ("POINTS_COVARIANCE", "TUBES"),
-        bound_points=0.1,
-        is_slow=True,
+        bound_points=2e-2,
         needs=BUDDHA,
     ),
 ]

@@ -13,10 +13,9 @@ needs_library = pytest.mark.skipif(not LIBRARY.is_file(), reason=f"{LIBRARY} is 
 
 
 def marks(case: hard.Case) -> list:
-    found = [pytest.mark.slow] if case.is_slow else []
-    if case.needs is not None:
-        found.append(pytest.mark.skipif(not case.needs.is_file(), reason=f"no {case.needs.name}"))
-    return found
+    if case.needs is None:
+        return []
+    return [pytest.mark.skipif(not case.needs.is_file(), reason=f"no {case.needs.name}")]
 
 
 def entries() -> list:
@@ -58,8 +57,7 @@ def test_document_has_every_case_and_what_was_measured() -> None:
         entry = results[case.key]
         assert entry["truth"] == case.truth
         assert entry["bounds"] == {method: case.bound_of(method) for method in case.methods}
-        is_recorded = set(entry["errors"]) == set(case.methods)
-        assert is_recorded or case.is_slow, f"{case.key} was never recorded"
+        assert set(entry["errors"]) == set(case.methods), f"{case.key} was never recorded"
     for key, entry in results.items():
         for method, error in entry["errors"].items():
             assert error <= 1.05 * entry["bounds"][method], f"{key}, {method}"
