@@ -3,31 +3,17 @@
 that stays alive, stopped with Esc, then to its end; says what it saw."""
 
 import os
+import sys
 import time
-import traceback
+from pathlib import Path
 
 import bpy
 from amberlight.operators import new_translucent_material
 
-steps = []
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from window_steps import area, run, say, step, steps, window  # noqa: E402
+
 seen = {"ticks": 0, "longest": 0.0, "last": 0.0}
-
-
-def say(text):
-    print(f"SAW {text}", flush=True)
-
-
-def step(function):
-    steps.append(function)
-    return function
-
-
-def window():
-    return bpy.context.window_manager.windows[0]
-
-
-def area(kind):
-    return next(area for area in window().screen.areas if area.type == kind)
 
 
 def state():
@@ -112,21 +98,4 @@ def apply():
     say(f"applied {bpy.context.scene.amberlight.estimator}")
 
 
-@step
-def end():
-    say("the end")
-    os._exit(0)
-
-
-def tick():
-    """One step; a step that answers False is tried again."""
-    try:
-        if steps[0]() is not False:
-            steps.pop(0)
-    except Exception:
-        traceback.print_exc()
-        os._exit(1)
-    return 0.3
-
-
-bpy.app.timers.register(tick, first_interval=1.0)
+run()

@@ -2,32 +2,17 @@
 """Run in a Blender with a window by test_in_blender.py: rendered mode, a moved view, a changed
 scene, every tab of the properties and a final render; says what it saw."""
 
-import os
-import traceback
+import sys
+from pathlib import Path
 
 import bpy
 from amberlight import engine, viewport
 from amberlight.operators import new_translucent_material
 
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from window_steps import area, run, say, step, steps, window  # noqa: E402
+
 seen = {"draws": [], "previews": 0, "renders": 0}
-steps = []
-
-
-def say(text):
-    print(f"SAW {text}", flush=True)
-
-
-def step(function):
-    steps.append(function)
-    return function
-
-
-def window():
-    return bpy.context.window_manager.windows[0]
-
-
-def area(kind):
-    return next(area for area in window().screen.areas if area.type == kind)
 
 
 def watch():
@@ -122,23 +107,5 @@ for name in ("RENDER", "OUTPUT", "VIEW_LAYER", "WORLD", "OBJECT", "MATERIAL"):
     steps.append(tab(name, "Cube"))
 steps += [tab("DATA", "Light"), tab("DATA", "Camera")]
 
-
-@step
-def end():
-    say("the end")
-    os._exit(0)
-
-
-def tick():
-    """One step; a step that answers False is tried again."""
-    try:
-        if steps[0]() is not False:
-            steps.pop(0)
-    except Exception:
-        traceback.print_exc()
-        os._exit(1)
-    return 0.3
-
-
 watch()
-bpy.app.timers.register(tick, first_interval=1.0)
+run()
