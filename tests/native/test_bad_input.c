@@ -239,6 +239,21 @@ static void positions_that_are_none(void) {
     ENSURE(strstr(info.message, "hero") != NULL && strstr(info.message, "finite") != NULL);
     amb_scene_destroy(scene);
     demo_free(&demo);
+    /* Finite, but squares of areas are not. */
+    static const float scales[] = {1.5e8f, 2e9f, 1e11f};
+    for (size_t i = 0; i < sizeof scales / sizeof scales[0]; ++i) {
+        demo = small_demo();
+        demo.scale = scales[i];
+        scene = demo_scene(&demo);
+        const AmbStatus status = amb_scene_commit(scene);
+        ENSURE(status == (i == 0 ? AMB_OK : AMB_INVALID_ARGUMENT));
+        amb_last_error(&info);
+        ENSURE(status == AMB_OK || strstr(info.message, "hero") != NULL);
+        amb_scene_destroy(scene);
+        if (i == 0)
+            check_demo(&demo, "as large as can be");
+        demo_free(&demo);
+    }
 }
 
 /* ---- Sizes and places ------------------------------------------------------------------------ */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * Runs the C tests, one module or all: amb_test [MODULE]. */
+ * Runs the C tests, all, a module or one test of it: amb_test [MODULE [TEST]]. */
 #include "test.h"
 
 #include <stdarg.h>
@@ -8,7 +8,7 @@
 #include <string.h>
 
 static unsigned long checks, failures;
-static const char *running = "";
+static const char *running = "", *wanted; /* NULL: all of a module */
 
 void test_check(bool is_true, const char *file, int line, const char *format, ...) {
     ++checks;
@@ -37,7 +37,8 @@ bool test_is_long(void) {
 
 void test_run(const char *name, void (*function)(void)) {
     running = name;
-    function();
+    if (wanted == NULL || strcmp(wanted, name) == 0)
+        function();
 }
 
 /* X(module): test_module in test_module.c; the same list as in tests/CMakeLists.txt. */
@@ -64,13 +65,14 @@ static const struct {
 
 int main(int argc, char **argv) {
     bool is_found = false;
+    wanted = argc > 2 ? argv[2] : NULL;
     for (size_t i = 0; i < sizeof modules / sizeof modules[0]; ++i)
         if (argc < 2 || strcmp(argv[1], modules[i].name) == 0) {
             is_found = true;
             modules[i].run();
         }
-    if (!is_found) {
-        fprintf(stderr, "no module \"%s\"\n", argv[1]);
+    if (!is_found || checks == 0) {
+        fprintf(stderr, "no such test\n");
         return 2;
     }
     printf("%lu checks, %lu failures\n", checks, failures);

@@ -159,6 +159,13 @@ static AmbStatus place_normals(const SceneMesh *mesh, SceneObject *object) {
     return AMB_OK;
 }
 
+/* Coordinates of objects: beyond, the squares of areas overflow and faces have no normals. */
+static const float POSITION_MAX = 1e9f;
+
+static bool is_within_range(Vec3 p) {
+    return fabsf(p.x) <= POSITION_MAX && fabsf(p.y) <= POSITION_MAX && fabsf(p.z) <= POSITION_MAX;
+}
+
 static AmbStatus place_object(AmbScene *scene, SceneObject *object, Vec3d origin) {
     const SceneMesh *mesh = &scene->meshes[object->mesh];
     /* One more vertex: Embree reads 16 bytes at each. */
@@ -172,6 +179,10 @@ static AmbStatus place_object(AmbScene *scene, SceneObject *object, Vec3d origin
             return status_fail(AMB_INVALID_ARGUMENT,
                                "vertex %llu of \"%s\" is not finite in world space",
                                (unsigned long long)i, object->name);
+        if (!is_within_range(object->positions[i]))
+            return status_fail(AMB_INVALID_ARGUMENT,
+                               "vertex %llu of \"%s\" lies farther than %g away",
+                               (unsigned long long)i, object->name, (double)POSITION_MAX);
     }
     object->positions[mesh->vertex_count] = vec3(0, 0, 0);
     if (mesh->normals != NULL)
