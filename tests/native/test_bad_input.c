@@ -501,6 +501,24 @@ static void overlapping_objects(void) {
     }
 }
 
+/* Whether objects lie in one another is asked at faces, of which some have no normal. */
+static void overlapping_degenerate_triangles(void) {
+    Demo demo = small_demo();
+    demo.params.estimator = AMB_ESTIMATOR_AUTO;
+    for (uint64_t t = 0; t < demo.shape.triangle_count; t += 2)
+        demo.shape.triangles[3 * t + 1] = demo.shape.triangles[3 * t];
+    AmbScene *scene = demo_scene(&demo);
+    const AmbMesh mesh = shape_mesh(&demo.shape, "beside", true);
+    shape_add(scene, &mesh, 0, 1.0f, 1.4f, 1.4f, 0);
+    Picture picture;
+    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+    ENSURE_STATUS(picture_render(scene, &demo.params, &picture), AMB_OK);
+    picture_check(&picture, "overlapping degenerate triangles");
+    picture_free(&picture);
+    amb_scene_destroy(scene);
+    demo_free(&demo);
+}
+
 static void surfaces_of_mixed_slots(void) {
     Demo demo = small_demo();
     AmbScene *scene = demo_scene(&demo);
@@ -547,5 +565,6 @@ void test_bad_input(void) {
     RUN(camera_beyond_all_coordinates);
     RUN(more_nested_objects_than_fit);
     RUN(overlapping_objects);
+    RUN(overlapping_degenerate_triangles);
     RUN(surfaces_of_mixed_slots);
 }

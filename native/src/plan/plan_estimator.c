@@ -72,7 +72,8 @@ static bool is_nested(const AmbScene *scene, uint32_t o) {
                 return true;
         const Hit middle = {0.0f, 1.0f / 3.0f, 1.0f / 3.0f, o, (uint32_t)triangle};
         const SurfacePoint surface = scene_surface(scene, &middle);
-        if (boundary_is_touched(scene, &surface))
+        /* A face without area has no normal to look along. */
+        if (vec3_is_finite(surface.ng) && boundary_is_touched(scene, &surface))
             return true;
     }
     return false;
