@@ -30,30 +30,33 @@ static inline bool depth_grid_find(const DepthGrid *grid, Vec3 p, DepthCell *out
     const float x = (p.x - grid->origin.x) / grid->spacing;
     const float y = (p.y - grid->origin.y) / grid->spacing;
     const float z = (p.z - grid->origin.z) / grid->spacing;
-    if (!(x >= 0.0f && y >= 0.0f && z >= 0.0f))
+    const uint32_t nx = grid->count[0], ny = grid->count[1];
+    /* Before they become integers, which hold less. */
+    if (!(x >= 0.0f && y >= 0.0f && z >= 0.0f) ||
+        !(x < (float)(nx - 1) && y < (float)(ny - 1) && z < (float)(grid->count[2] - 1)))
         return false;
     const uint32_t i = (uint32_t)x, j = (uint32_t)y, k = (uint32_t)z;
-    const uint32_t nx = grid->count[0], ny = grid->count[1];
-    if (i + 1 >= nx || j + 1 >= ny || k + 1 >= grid->count[2])
-        return false;
     const float *low = grid->nodes + ((uint64_t)k * ny + j) * nx + i;
     *out = (DepthCell){low, low + (uint64_t)ny * nx, nx, x - (float)i, y - (float)j, z - (float)k};
     return true;
 }
 
-/* Linear between nodes; 0 outside of the grid. */
+/* Linear between nodes. */
+static inline float depth_cell_value(const DepthCell *cell) {
+    const float *low = cell->low, *high = cell->high;
+    const uint32_t row = cell->row;
+    const float a = low[0] + cell->u * (low[1] - low[0]);
+    const float b = low[row] + cell->u * (low[row + 1] - low[row]);
+    const float c = high[0] + cell->u * (high[1] - high[0]);
+    const float d = high[row] + cell->u * (high[row + 1] - high[row]);
+    const float near = a + cell->v * (b - a), far = c + cell->v * (d - c);
+    return near + cell->w * (far - near);
+}
+
+/* 0 outside of the grid. */
 static inline float depth_grid_at(const DepthGrid *grid, Vec3 p) {
     DepthCell cell;
-    if (!depth_grid_find(grid, p, &cell))
-        return 0.0f;
-    const float *low = cell.low, *high = cell.high;
-    const uint32_t row = cell.row;
-    const float a = low[0] + cell.u * (low[1] - low[0]);
-    const float b = low[row] + cell.u * (low[row + 1] - low[row]);
-    const float c = high[0] + cell.u * (high[1] - high[0]);
-    const float d = high[row] + cell.u * (high[row + 1] - high[row]);
-    const float near = a + cell.v * (b - a), far = c + cell.v * (d - c);
-    return near + cell.w * (far - near);
+    return depth_grid_find(grid, p, &cell) ? depth_cell_value(&cell) : 0.0f;
 }
 
 /* Unit vector along which depth grows; 0 where it is not known. */

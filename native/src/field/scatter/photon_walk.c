@@ -97,9 +97,15 @@ static bool collide(Walker *walker, const Medium *medium, uint32_t object, Rgb s
     ScatterTally *tally = walker->tally;
     const float u[5] = {next_random(walker), next_random(walker), next_random(walker),
                         next_random(walker), next_random(walker)};
+    DepthCell place;
+    if (!depth_grid_find(&cells->depth, walker->o, &place)) {
+        /* Out of the object through a hole of its mesh, into a medium without end. */
+        tally_add(tally->lost, rgb_mul(stretch, medium->sigma_t));
+        return false;
+    }
     ++walker->order;
     ++tally->collision_count;
-    const float depth = depth_grid_at(&cells->depth, walker->o);
+    const float depth = depth_cell_value(&place);
     walker->depth = depth > 0.0f ? depth : 0.0f;
     /* The first scattering of a lamp's light is the light field's. */
     if (walker->order > 1 || walker->is_of_surroundings) {
