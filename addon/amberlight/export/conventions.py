@@ -176,17 +176,22 @@ def clamp_anisotropy(g: float) -> float:
     return min(max(g, -ANISOTROPY_MAX), ANISOTROPY_MAX)
 
 
-def merge_lobes(lobes: Iterable[PhaseLobe]) -> tuple[tuple[PhaseLobe, ...], bool]:
-    """The same mixture with at most LOBE_MAX lobes, and whether that needed an approximation.
-
-    Lobes of equal g add exactly and black ones vanish. Beyond the maximum the two neighbours in g
-    that lie closest are merged into one with the mean of g, weighted by luminance.
-    """
+def join_lobes(lobes: Iterable[PhaseLobe]) -> tuple[PhaseLobe, ...]:
+    """The same mixture with one lobe for each g, in their order; exact. Black ones vanish."""
     by_g: dict[float, RGB] = {}
     for lobe in lobes:
         if any(lobe.sigma_s):
             by_g[lobe.g] = added(by_g.get(lobe.g, (0.0, 0.0, 0.0)), lobe.sigma_s)
-    merged = [PhaseLobe(sigma_s, g) for g, sigma_s in sorted(by_g.items())]
+    return tuple(PhaseLobe(sigma_s, g) for g, sigma_s in sorted(by_g.items()))
+
+
+def merge_lobes(lobes: Iterable[PhaseLobe]) -> tuple[tuple[PhaseLobe, ...], bool]:
+    """The same mixture with at most LOBE_MAX lobes, and whether that needed an approximation.
+
+    Lobes of equal g are joined. Beyond the maximum the two neighbours in g
+    that lie closest are merged into one with the mean of g, weighted by luminance.
+    """
+    merged = list(join_lobes(lobes))
     approximate = len(merged) > LOBE_MAX
     while len(merged) > LOBE_MAX:
         i = min(range(len(merged) - 1), key=lambda k: merged[k + 1].g - merged[k].g)

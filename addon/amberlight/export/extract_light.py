@@ -93,22 +93,22 @@ def emission_of(reader: TreeReader, kind: str, what: str) -> RGB:
 
 
 def _emission_terms(reader: TreeReader, socket: Any, path: Path, what: str) -> RGB:
+    def read(node: Any, path: Path) -> RGB:
+        if node.type == "ADD_SHADER":
+            a, b = (_emission_terms(reader, inner, path, what) for inner in node.inputs[:2])
+            return conv.added(a, b)
+        if node.type == "MIX_SHADER":
+            factor = min(max(reader.number(node, node.inputs[0].name, path), 0.0), 1.0)
+            a, b = (_emission_terms(reader, inner, path, what) for inner in node.inputs[1:3])
+            return conv.added(conv.scaled(a, 1.0 - factor), conv.scaled(b, factor))
+        if node.type in {"EMISSION", "BACKGROUND"}:
+            color = reader.color(node, "Color", path)
+            return conv.scaled(color, reader.number(node, "Strength", path))
+        reader.warn(node, f"{node.bl_label} is not understood in a {what}, white is used")
+        return WHITE
+
     source = reader.source(socket, path)
-    node, path = source.node, source.path
-    if node is None:
-        return BLACK
-    if node.type == "ADD_SHADER":
-        a, b = (_emission_terms(reader, inner, path, what) for inner in node.inputs[:2])
-        return conv.added(a, b)
-    if node.type == "MIX_SHADER":
-        factor = min(max(reader.number(node, node.inputs[0].name, path), 0.0), 1.0)
-        a, b = (_emission_terms(reader, inner, path, what) for inner in node.inputs[1:3])
-        return conv.added(conv.scaled(a, 1.0 - factor), conv.scaled(b, factor))
-    if node.type in {"EMISSION", "BACKGROUND"}:
-        color = reader.color(node, "Color", path)
-        return conv.scaled(color, reader.number(node, "Strength", path))
-    reader.warn(node, f"{node.bl_label} is not understood in a {what}, white is used")
-    return WHITE
+    return reader.once("emission", source, read) if source.node is not None else BLACK
 
 
 def _length(vector: Any) -> float:

@@ -17,6 +17,8 @@ from .scene_data import BLACK, RGB, WHITE, MaterialData, MediumData, PhaseLobe
 
 DEFAULT_MATERIAL = MaterialData(name="Default")
 
+Medium = tuple[RGB, tuple[PhaseLobe, ...]]
+
 # Rank of a boundary when shaders are mixed: the refractive one makes the object translucent.
 DIFFUSE, CLEAR, REFRACTIVE = 0, 1, 2
 
@@ -89,7 +91,10 @@ class _MaterialReader(TreeReader):
 
     def surface(self, output: Any) -> Surface | None:
         """The terms of the surface reduced to one, or None without any."""
-        terms = self.surface_terms(output.inputs["Surface"], (), 1.0)
+        terms = [
+            replace(term, weight=weight)
+            for term, weight in self.surface_terms(output.inputs["Surface"], ())
+        ]
         if not terms:
             return None
         if all(term.rank == DIFFUSE for term in terms):
@@ -113,24 +118,27 @@ class _MaterialReader(TreeReader):
             self.warn(best.node, f"alone stands for a mix of surfaces, without {', '.join(lost)}")
         return best
 
-    def surface_terms(self, socket: Any, path: Path, weight: float) -> list[Surface]:
+    def surface_terms(self, socket: Any, path: Path) -> list[tuple[Surface, float]]:
+        """The surfaces that the shader behind `socket` mixes, each once, with their weights."""
         source = self.source(socket, path)
-        node, path = source.node, source.path
-        if node is None or weight <= 0.0:
-            return []
+        return self.once("surface", source, self.read_surface) if source.node is not None else []
+
+    def read_surface(self, node: Any, path: Path) -> list[tuple[Surface, float]]:
         if node.type in {"MIX_SHADER", "ADD_SHADER"}:
-            return [
-                term
-                for inner, share in self.shares(node, path)
-                for term in self.surface_terms(inner, path, weight * share)
-            ]
+            # A surface that is met again is the same object.
+            found: dict[int, tuple[Surface, float]] = {}
+            for inner, share in self.shares(node, path):
+                for term, weight in self.surface_terms(inner, path) if share > 0.0 else ():
+                    _, before = found.get(id(term), (term, 0.0))
+                    found[id(term)] = (term, before + share * weight)
+            return list(found.values())
         read = self.SURFACES.get(node.type)
         if read is None:
             name = next((n for n in ("Color", "Base Color") if node.inputs.get(n)), None)
             albedo = self.color(node, name, path) if name else (0.8, 0.8, 0.8)
             self.warn(node, f"{node.bl_label} is not understood, rendered as diffuse")
-            return [Surface(node, DIFFUSE, weight, albedo=albedo)]
-        return [replace(read(self, node, path), weight=weight)]
+            return [(Surface(node, DIFFUSE, albedo=albedo), 1.0)]
+        return [(read(self, node, path), 1.0)]
 
     def shares(self, node: Any, path: Path) -> list[tuple[Any, float]]:
         """The two shader inputs of a Mix or Add node with their weights."""
@@ -257,37 +265,35 @@ class _MaterialReader(TreeReader):
     # ---- Volume ----------------------------------------------------------------------------------
 
     def medium(self, output: Any) -> MediumData:
-        sigma_a, lobes = self.volume_terms(output.inputs["Volume"], (), 1.0)
+        sigma_a, lobes = self.volume_terms(output.inputs["Volume"], ())
         merged, approximate = conv.merge_lobes(lobes)
         if approximate:
             self.warn(output, f"more than {conv.LOBE_MAX} anisotropies, the nearest are merged")
         return MediumData(sigma_a, merged)
 
-    def volume_terms(
-        self, socket: Any, path: Path, weight: float
-    ) -> tuple[RGB, tuple[PhaseLobe, ...]]:
-        """(sigma_a, lobes) of the shader tree behind `socket`, times `weight`."""
+    def volume_terms(self, socket: Any, path: Path) -> Medium:
+        """(sigma_a, lobes) of the shader tree behind `socket`."""
         source = self.source(socket, path)
-        node, path = source.node, source.path
-        if node is None or weight <= 0.0:
+        if source.node is None:
             return BLACK, ()
+        return self.once("volume", source, self.read_volume)
+
+    def read_volume(self, node: Any, path: Path) -> Medium:
         if node.type in {"MIX_SHADER", "ADD_SHADER"}:
             sigma_a: RGB = BLACK
-            lobes: tuple[PhaseLobe, ...] = ()
+            lobes: list[PhaseLobe] = []
             for inner, share in self.shares(node, path):
-                inner_a, inner_lobes = self.volume_terms(inner, path, weight * share)
-                sigma_a, lobes = conv.added(sigma_a, inner_a), lobes + inner_lobes
-            return sigma_a, lobes
+                if share > 0.0:
+                    inner_a, inner_lobes = self.volume_terms(inner, path)
+                    sigma_a = conv.added(sigma_a, conv.scaled(inner_a, share))
+                    lobes += [PhaseLobe(conv.scaled(k.sigma_s, share), k.g) for k in inner_lobes]
+            return sigma_a, conv.join_lobes(lobes)
         read = self.VOLUMES.get(node.type)
         if read is None:
             self.warn(node, f"{node.bl_label} is not understood in a volume and is ignored")
             return BLACK, ()
         sigma_a, sigma_s = read(self, node, path)
-        sigma_s = conv.scaled(sigma_s, weight)
-        if not any(sigma_s):
-            return conv.scaled(sigma_a, weight), ()
-        g = self.anisotropy(node, path)
-        return conv.scaled(sigma_a, weight), (PhaseLobe(sigma_s, g),)
+        return sigma_a, (PhaseLobe(sigma_s, self.anisotropy(node, path)),) if any(sigma_s) else ()
 
     def anisotropy(self, node: Any, path: Path) -> float:
         phase = getattr(node, "phase", "HENYEY_GREENSTEIN")

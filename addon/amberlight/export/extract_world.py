@@ -32,6 +32,10 @@ class Texture:
     factor: RGB
 
 
+Terms = tuple[RGB, list[Texture]]
+NONE: Terms = (BLACK, [])
+
+
 def read_world(
     world: Any, version: conv.Version, log: ExportLog
 ) -> tuple[RGB, WorldImageData | None]:
@@ -61,12 +65,12 @@ class _WorldReader(TreeReader):
 
     # ---- Nodes -----------------------------------------------------------------------------------
 
-    def terms(self, socket: Any, path: Path) -> tuple[RGB, list[Texture]]:
+    def terms(self, socket: Any, path: Path) -> Terms:
         """Sum of the Emission and Background nodes behind a shader socket."""
         source = self.source(socket, path)
-        node, path = source.node, source.path
-        if node is None:
-            return BLACK, []
+        return self.once("terms", source, self.read_terms) if source.node is not None else NONE
+
+    def read_terms(self, node: Any, path: Path) -> Terms:
         if node.type == "ADD_SHADER":
             return _sum([(1.0, self.terms(inner, path)) for inner in node.inputs[:2]])
         if node.type == "MIX_SHADER":
@@ -83,7 +87,7 @@ class _WorldReader(TreeReader):
         self.warn(node, f"{node.bl_label} is not understood in a world, white is used")
         return WHITE, []
 
-    def colors(self, node: Any, name: str, path: Path) -> tuple[RGB, list[Texture]]:
+    def colors(self, node: Any, name: str, path: Path) -> Terms:
         """A colour socket: a constant, or a texture, which a constant may multiply."""
         source = self.source(node.inputs[name], path)
         if source.node is not None and source.node.type == "TEX_ENVIRONMENT":
@@ -189,17 +193,16 @@ class _WorldReader(TreeReader):
         return conv.srgb_to_linear(pixels)
 
 
-def _sum(
-    parts: list[tuple[float, tuple[RGB, list[Texture]]]],
-) -> tuple[RGB, list[Texture]]:
-    """Weighted sum of terms."""
-    constant, textures = BLACK, []
+def _sum(parts: list[tuple[float, Terms]]) -> Terms:
+    """Weighted sum of terms; a texture that is met again counts once, with both factors."""
+    constant, textures = BLACK, dict[tuple[Any, Path], RGB]()
     for weight, (color, inner) in parts:
         constant = conv.added(constant, conv.scaled(color, weight))
-        textures += [
-            Texture(t.node, t.path, conv.scaled(t.factor, weight)) for t in inner if weight > 0.0
-        ]
-    return constant, textures
+        for texture in inner if weight > 0.0 else ():
+            key = (texture.node, texture.path)
+            factor = conv.scaled(texture.factor, weight)
+            textures[key] = conv.added(textures.get(key, BLACK), factor)
+    return constant, [Texture(*key, factor) for key, factor in textures.items()]
 
 
 def _is_direction(source: Source) -> bool:

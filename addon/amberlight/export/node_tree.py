@@ -5,10 +5,12 @@ sockets to constants. Works on anything shaped like Blender's nodes; needs no Bl
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ..binding.errors import AmberlightError
 from .conventions import luminance
 from .export_log import ExportLog
 from .scene_data import RGB
@@ -16,12 +18,23 @@ from .scene_data import RGB
 # The group nodes that were entered, outermost first.
 Path = tuple[Any, ...]
 
+# Nodes of one tree, those of groups as often as the groups are used.
+READ_MAX = 100_000
+
+
+def _power(a: float, b: float) -> float:
+    try:
+        return a**b if a > 0.0 else 0.0
+    except OverflowError:
+        return math.inf
+
+
 MATH: dict[str, Callable[[float, float], float]] = {
     "ADD": lambda a, b: a + b,
     "SUBTRACT": lambda a, b: a - b,
     "MULTIPLY": lambda a, b: a * b,
     "DIVIDE": lambda a, b: a / b if b else 0.0,
-    "POWER": lambda a, b: a**b if a > 0.0 else 0.0,
+    "POWER": _power,
     "MINIMUM": min,
     "MAXIMUM": max,
 }
@@ -44,6 +57,21 @@ class TreeReader:
         self.tree = tree
         self.where = where
         self.log = log
+        self.known: dict[tuple[str, Any, Path], Any] = {}
+
+    def once(self, what: str, source: Source, read: Callable[[Any, Path], Any]) -> Any:
+        """read(node, path) of a source, asked for once: through a ladder of sums, each of which
+        takes the one before twice, there are 2^n ways. AmberlightError where groups in groups are
+        too many or a chain is too long."""
+        key = (what, source.node, source.path)
+        if key not in self.known:
+            if len(self.known) > READ_MAX:
+                raise AmberlightError(f"{self.where}: its node groups hold too many nodes")
+            try:
+                self.known[key] = read(source.node, source.path)
+            except RecursionError:
+                raise AmberlightError(f"{self.where}: its nodes are too many in a row") from None
+        return self.known[key]
 
     def warn(self, node: Any, message: str) -> None:
         place = f'{self.where}, node "{node.name}"' if node is not None else self.where
@@ -126,13 +154,16 @@ class TreeReader:
 
     def _evaluate(self, source: Source, depth: int = 0) -> float | RGB | None:
         """The constant of a source, or None if it is none that we understand."""
-        node, path = source.node, source.path
+        node = source.node
         if source.socket is None or depth > 100:
             return None
         if node is None:
             return _default(source.socket)
         if node.type in {"RGB", "VALUE"}:
             return _default(node.outputs[0])
+        return self.once("value", source, lambda node, path: self._value_of(node, path, depth))
+
+    def _value_of(self, node: Any, path: Path, depth: int) -> float | RGB | None:
         if node.type == "MATH" and node.operation in MATH:
             a, b = (self._evaluate(self.source(s, path), depth + 1) for s in node.inputs[:2])
             if a is None or b is None:

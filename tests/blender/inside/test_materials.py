@@ -3,6 +3,8 @@
 
 import bpy
 import pytest
+from amberlight.binding.errors import AmberlightError
+from amberlight.export import node_tree
 
 OLD = bpy.app.version < (4, 0)
 TRANSMISSION = "Transmission" if OLD else "Transmission Weight"
@@ -432,3 +434,87 @@ def test_materials_are_exported_once(goo, scene):
     scene.collection.objects.link(twin)
     goo.glass()
     assert len(goo.export()[0].materials) == 1
+
+
+# ---- Trees without end ---------------------------------------------------------------------------
+
+
+def ladder(goo, node, steps):
+    """Each step adds the one before to itself: 2^steps ways lead from the top to the node."""
+    for _ in range(steps):
+        step = goo.add("AddShader")
+        goo.tree.links.new(node.outputs[0], step.inputs[0])
+        goo.tree.links.new(node.outputs[0], step.inputs[1])
+        node = step
+    return node
+
+
+def test_ladders_of_sums(goo):
+    scatter = goo.add("VolumeScatter", Color=(1.0, 1.0, 1.0), Density=2.0**-60, Anisotropy=0.25)
+    goo.volume(ladder(goo, scatter, 60))
+    goo.glass()
+    got, lines = goo.read()
+    assert lines == [] and [lobe.g for lobe in got.medium.lobes] == [0.25]
+    assert got.medium.lobes[0].sigma_s == pytest.approx((1, 1, 1))
+    emission = goo.add("Emission", Color=(0.5, 1.0, 0.25), Strength=2.0**-60)
+    goo.surface(ladder(goo, emission, 60))
+    assert goo.read()[0].emission == pytest.approx((0.5, 1.0, 0.25))
+
+
+def test_ladder_of_numbers(goo):
+    node = goo.add("Value")
+    node.outputs[0].default_value = 2.0**-60
+    for _ in range(60):
+        step = goo.add("Math")
+        goo.tree.links.new(node.outputs[0], step.inputs[0])
+        goo.tree.links.new(node.outputs[0], step.inputs[1])
+        node = step
+    scatter = goo.add("VolumeScatter", Color=(1.0, 1.0, 1.0))
+    goo.link(node, scatter, "Density")
+    got, lines = medium(goo, scatter)
+    assert lines == [] and got.lobes[0].sigma_s == pytest.approx((1, 1, 1))
+
+
+def test_power_beyond_all_numbers(goo):
+    node = goo.add("Math")
+    node.operation = "POWER"
+    node.inputs[0].default_value = node.inputs[1].default_value = 1e6
+    scatter = goo.add("VolumeScatter", Color=(1.0, 1.0, 1.0))
+    goo.link(node, scatter, "Density")
+    assert medium(goo, scatter)[0].lobes[0].sigma_s == (float("inf"),) * 3
+
+
+def test_groups_of_groups_have_an_end(goo, monkeypatch):
+    """Groups with two of the one before each; many of them would keep Blender itself busy."""
+    monkeypatch.setattr(node_tree, "READ_MAX", 1000)
+    inner = None
+    for _ in range(12):
+        group = bpy.data.node_groups.new("Group", "ShaderNodeTree")
+        if hasattr(group, "interface"):
+            group.interface.new_socket("Out", in_out="OUTPUT", socket_type="NodeSocketShader")
+        else:
+            group.outputs.new("NodeSocketShader", "Out")
+        both = group.nodes.new("ShaderNodeAddShader")
+        for socket in both.inputs:
+            node = group.nodes.new("ShaderNodeGroup" if inner else "ShaderNodeVolumeScatter")
+            if inner:
+                node.node_tree = inner
+            group.links.new(node.outputs[0], socket)
+        group.links.new(both.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
+        inner = group
+    node = goo.tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = inner
+    goo.volume(node)
+    with pytest.raises(AmberlightError, match='material "Goo": its node groups hold too many'):
+        goo.read()
+
+
+def test_nodes_in_a_row_have_an_end(goo):
+    node = goo.add("VolumeScatter")
+    for _ in range(1000):
+        step = goo.add("AddShader")
+        goo.tree.links.new(node.outputs[0], step.inputs[0])
+        node = step
+    goo.volume(node)
+    with pytest.raises(AmberlightError, match='material "Goo": its nodes are too many in a row'):
+        goo.read()
