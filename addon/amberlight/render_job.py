@@ -83,13 +83,15 @@ class Settings:
 
 @dataclass(frozen=True)
 class Frame:
-    """The image: full size in pixels, rectangle (x, y, width, height) to render, threads."""
+    """The image: full size in pixels, rectangle (x, y, width, height) to render, threads, and
+    whether a coarse picture comes first."""
 
     width: int
     height: int
     crop: tuple[int, int, int, int] | None = None
     threads: int = 0
     film_transparent: bool = False
+    coarse_first: bool = False
 
 
 def effect_bits(settings: Settings) -> int:
@@ -122,6 +124,7 @@ def render_params(settings: Settings, frame: Frame) -> dict[str, Any]:
         "seed": settings.seed,
         "threads": frame.threads,
         "film_transparent": int(frame.film_transparent),
+        "coarse_first": int(frame.coarse_first),
         "tube_refinement": settings.tube_refinement,
         "accuracy": settings.accuracy,
         "scatter_estimator": SCATTER_ESTIMATORS[settings.scatter_estimator],
@@ -131,14 +134,24 @@ def render_params(settings: Settings, frame: Frame) -> dict[str, Any]:
     }
 
 
+def committed_scene(library: Library, data: SceneData) -> Scene:
+    """The data in the library, ready to be rendered."""
+    scene = Scene(library)
+    try:
+        upload(data, scene)
+        scene.commit()
+    except BaseException:
+        scene.close()
+        raise
+    return scene
+
+
 class RenderJob:
     """A scene in the library and its render; a context manager that frees both."""
 
     def __init__(self, library: Library, data: SceneData, params: dict[str, Any]) -> None:
-        self.scene = Scene(library)
+        self.scene = committed_scene(library, data)
         try:
-            upload(data, self.scene)
-            self.scene.commit()
             self.render = Render(self.scene, **params)
         except BaseException:
             self.scene.close()

@@ -6,14 +6,15 @@ from __future__ import annotations
 from typing import Any
 
 from .binding import library
-from .binding.handles import import_numpy
+from .binding.handles import Render, Scene, import_numpy
 from .export.conventions import projection_window
 from .export.export_log import ExportLog
 from .export.extract import extract_scene
 from .export.extract_camera import matrix_rows
 from .export.scene_data import CameraData, SceneData
+from .export.upload import set_camera
 from .properties import read_settings
-from .render_job import Frame, RenderJob, render_params
+from .render_job import Frame, committed_scene, render_params
 
 SAMPLES = 16
 LIGHT_SAMPLES = 200_000
@@ -24,18 +25,20 @@ class Viewport:
 
     def __init__(self) -> None:
         self.data: SceneData | None = None
-        self.job: RenderJob | None = None
+        self.scene: Scene | None = None  # the data in the library
+        self.render: Render | None = None
         self.view: Any = None
-        self.shown_samples = 0
+        self.shown: Any = None  # how much of the render the picture has
         self.texture: Any = None
+        self.size = (0, 0)  # of the picture in the region, pixels
 
     def __del__(self) -> None:
         # Goes with its engine, which Blender has already taken apart by then.
-        self.stop()
+        self.forget_scene()
 
     def update(self, engine: Any, context: Any, depsgraph: Any) -> None:
         """The scene changed: export it anew."""
-        self.stop()
+        self.forget_scene()
         import_numpy()
         self.data = extract_scene(depsgraph, ExportLog(), with_camera=False)
         engine.tag_redraw()
@@ -49,33 +52,48 @@ class Viewport:
             matrix_rows(view.view_matrix),
             matrix_rows(view.window_matrix),
         )
-        if self.data and (self.job is None or key != self.view):
+        if self.data and (self.render is None or key != self.view):
             self.stop()
             self.view = key
             self.start(context, depsgraph, self.data)
-        if self.job:
-            progress = self.job.render.progress()
+        if self.render:
+            progress = self.render.progress()
             engine.update_stats("Amberlight", f"{progress.stage}: {progress.detail}")
-            if progress.samples_done > self.shown_samples:
-                self.texture = make_texture(self.job.render.read_pass("Combined"))
-                self.shown_samples = progress.samples_done
-            if not self.job.render.wait(0.0):
+            done = (progress.pixel_step, progress.samples_done)
+            if progress.pixel_step > 0 and done != self.shown:
+                self.take_picture(self.render, progress.pixel_step)
+                self.shown = done
+            if not self.render.wait(0.0):
                 engine.tag_redraw()
         if self.texture:
-            draw_texture(engine, depsgraph.scene, self.texture, (region.width, region.height))
+            draw_texture(engine, depsgraph.scene, self.texture, self.size)
+
+    def take_picture(self, render: Render, step: int) -> None:
+        """Of the pixels that are there; each stands for those up to the next."""
+        pixels = render.read_pass("Combined")[::step, ::step]
+        self.texture = make_texture(pixels)
+        self.size = (step * pixels.shape[1], step * pixels.shape[0])
 
     def stop(self) -> None:
-        if self.job:
-            self.job.close()
-        self.job = None
-        self.shown_samples = 0
+        if self.render:
+            self.render.close()
+        self.render = self.shown = None
+
+    def forget_scene(self) -> None:
+        self.stop()
+        if self.scene:
+            self.scene.close()
+        self.scene = None
 
     def start(self, context: Any, depsgraph: Any, data: SceneData) -> None:
         settings = read_settings(depsgraph.scene).limited(SAMPLES, LIGHT_SAMPLES)
-        frame = Frame(context.region.width, context.region.height)
+        frame = Frame(context.region.width, context.region.height, coarse_first=True)
         data.camera = read_view(context)
-        params = render_params(settings, frame)
-        self.job = RenderJob(library.load(), data, params)
+        if self.scene:
+            set_camera(self.scene, data.camera)
+        else:
+            self.scene = committed_scene(library.load(), data)
+        self.render = Render(self.scene, **render_params(settings, frame))
 
 
 def read_view(context: Any) -> CameraData:

@@ -20,7 +20,7 @@ def watch():
 
     def draw_and_note(self, *arguments):
         draw(self, *arguments)
-        seen["draws"].append((id(self.job), self.shown_samples))
+        seen["draws"].append(self.shown)
 
     def render_and_note(self, depsgraph):
         render(self, depsgraph)
@@ -34,7 +34,7 @@ def has_drawn(name):
     """Waits for a picture in the viewport."""
 
     def look():
-        if not any(samples for _, samples in seen["draws"]):
+        if not any(seen["draws"]):
             return False
         say(name)
         seen["draws"].clear()

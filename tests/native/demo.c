@@ -81,7 +81,7 @@ static void add_light(AmbScene *scene, const Demo *demo) {
     ENSURE_STATUS(amb_scene_add_light(scene, &light, &id), AMB_OK);
 }
 
-static void set_camera(AmbScene *scene, const Demo *demo) {
+void demo_set_camera(AmbScene *scene, const Demo *demo) {
     AmbCamera camera = demo->camera;
     const float s = demo->scale;
     const float rows[12] = {1, 0, 0,  demo->at[0] + s * demo->camera_at[0],
@@ -106,7 +106,7 @@ AmbScene *demo_scene(const Demo *demo) {
     if (demo->has_light)
         add_light(scene, demo);
     ENSURE_STATUS(amb_scene_set_world(scene, demo->world), AMB_OK);
-    set_camera(scene, demo);
+    demo_set_camera(scene, demo);
     return scene;
 }
 

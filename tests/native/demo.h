@@ -26,6 +26,7 @@ void demo_free(Demo *demo);
 
 /* The scene up to but not including its commit. */
 AmbScene *demo_scene(const Demo *demo);
+void demo_set_camera(AmbScene *scene, const Demo *demo);
 
 enum {
     PASS_COMBINED,

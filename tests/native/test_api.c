@@ -383,7 +383,6 @@ static void bad_parameters_are_refused(void) {
     AmbWorldImage image;
     amb_world_image_init(&image);
     FAILS(amb_scene_set_world_image, (scene, &image), state, "committed");
-    FAILS(amb_scene_set_camera, (scene, &demo.camera), state, "committed");
     FAILS(amb_scene_commit, (scene), state, "committed");
     amb_scene_destroy(scene);
     demo_free(&demo);
@@ -738,6 +737,72 @@ static void two_renders_of_one_scene(void) {
         amb_scene_destroy(scene);
     }
     picture_free(&alone);
+    demo_free(&demo);
+}
+
+/* Far from the origin, where a committed scene has an origin of its own. */
+static void camera_moves_between_renders(void) {
+    Demo demo = demo_create();
+    demo.at[0] = 3e5f;
+    demo.at[1] = -1e5f;
+    AmbScene *scene = demo_scene(&demo);
+    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+    AmbRender *render = NULL;
+    ENSURE_STATUS(amb_render_start(scene, &demo.params, &render), AMB_OK);
+    FAILS(amb_scene_set_camera, (scene, &demo.camera), AMB_INVALID_STATE, "being rendered");
+    amb_render_destroy(render);
+    demo.camera_at[0] = 0.5f;
+    demo.camera_at[2] = 0.25f;
+    demo_set_camera(scene, &demo);
+    Picture moved;
+    ENSURE_STATUS(picture_render(scene, &demo.params, &moved), AMB_OK);
+    Picture fresh = demo_render(&demo);
+    ENSURE(picture_is_same(&moved, &fresh));
+    ENSURE(picture_mean(&fresh, PASS_SINGLE) > 1e-3);
+    picture_free(&moved);
+    picture_free(&fresh);
+    amb_scene_destroy(scene);
+    demo_free(&demo);
+}
+
+static void coarse_picture_comes_first(void) {
+    Demo demo = demo_create();
+    demo.params.width = 21;
+    demo.params.height = 13;
+    demo.params.samples = 3;
+    Picture plain = demo_render(&demo);
+    demo.params.coarse_first = 1;
+    Picture coarse = demo_render(&demo);
+    ENSURE(picture_is_same(&plain, &coarse));
+    picture_free(&plain);
+    picture_free(&coarse);
+
+    enum { SIZE = 150 };
+    demo.params.width = demo.params.height = SIZE;
+    demo.params.estimator = AMB_ESTIMATOR_SPECULAR;
+    AmbScene *scene = demo_scene(&demo);
+    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+    AmbRender *render = NULL;
+    ENSURE_STATUS(amb_render_start(scene, &demo.params, &render), AMB_OK);
+    AmbProgress progress;
+    amb_progress_init(&progress);
+    int32_t is_ended = 0;
+    while (progress.pixel_step == 0) {
+        ENSURE_STATUS(amb_render_wait(render, 0.001, &is_ended), AMB_OK);
+        ENSURE_STATUS(amb_render_progress(render, &progress), AMB_OK);
+    }
+    const uint32_t step = progress.pixel_step;
+    ENSURE(step == 8 || step == 4 || step == 2 || step == 1);
+    ENSURE(step == 1 || progress.samples_done == 0);
+    static float pixels[SIZE * SIZE * 4];
+    ENSURE_STATUS(amb_render_read_pass(render, "Combined", pixels, SIZE * SIZE * 4), AMB_OK);
+    bool all_there = true;
+    for (uint32_t y = 0; y < SIZE; y += step)
+        for (uint32_t x = 0; x < SIZE; x += step)
+            all_there = all_there && pixels[4 * (y * SIZE + x) + 3] == 1.0f;
+    ENSURE(all_there);
+    amb_render_destroy(render);
+    amb_scene_destroy(scene);
     demo_free(&demo);
 }
 
@@ -1096,6 +1161,8 @@ void test_api(void) {
     RUN(picture_does_not_depend_on_scale);
     RUN(soft_lights_keep_their_energy);
     RUN(two_renders_of_one_scene);
+    RUN(camera_moves_between_renders);
+    RUN(coarse_picture_comes_first);
     RUN(film_can_be_transparent);
     RUN(cancel_takes_a_fifth_of_a_second);
     RUN(file_reads_back);

@@ -200,7 +200,7 @@ static int is_endless(const AmbRender *render) {
 AmbStatus amb_render_progress(AmbRender *render, AmbProgress *out_progress) {
     out_progress->state = render->state;
     out_progress->fraction = (float)(render->polls < 4 ? render->polls : 4) / 4.0f;
-    out_progress->samples_done = render->polls > 1;
+    out_progress->samples_done = out_progress->pixel_step = render->polls > 1;
     snprintf(out_progress->stage, sizeof out_progress->stage, "%s",
              render->state == AMB_STATE_DONE ? "done" : "camera");
     snprintf(out_progress->detail, sizeof out_progress->detail, "poll %d", render->polls);

@@ -21,7 +21,7 @@ from ctypes import (
 )
 from typing import Any
 
-AMB_ABI_VERSION = 4
+AMB_ABI_VERSION = 5
 AMB_VERSION_STRING = "0.1.0"
 
 # ---- Status --------------------------------------------------------------------------------------
@@ -232,6 +232,8 @@ class AmbRenderParams(Structure):
         ("scatter_order_max", c_uint32),
         ("effects_are_auto", c_uint32),
         ("memory_limit", c_uint64),
+        ("coarse_first", c_uint32),
+        ("reserved", c_uint32),
     ]
 
 
@@ -248,7 +250,7 @@ class AmbProgress(Structure):
         ("fraction", c_float),
         ("elapsed", c_float),
         ("samples_done", c_uint32),
-        ("reserved", c_uint32),
+        ("pixel_step", c_uint32),
         ("stage", c_char * 32),
         ("detail", c_char * 96),
         ("error", c_float),

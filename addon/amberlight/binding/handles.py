@@ -44,7 +44,7 @@ def import_numpy() -> Any:
 class Progress:
     """State of a render: `fraction` in [0,1], `elapsed` seconds, camera samples per pixel done,
     the relative `error` as it is stated so far (0: not estimated), seconds that `remain` (< 0:
-    unknown)."""
+    unknown). Every `pixel_step`-th pixel of a row and of a column has a sample (0: none)."""
 
     state: int
     fraction: float
@@ -54,6 +54,7 @@ class Progress:
     detail: str
     error: float = 0.0
     remaining: float = -1.0
+    pixel_step: int = 0
 
 
 class _Handle:
@@ -206,7 +207,8 @@ class Scene(_Handle):
         self._lib.amb_scene_set_world_image(self.pointer, byref(image))
 
     def set_camera(self, kind: int, to_world: Sequence[Sequence[float]], **fields: Any) -> None:
-        """to_world: (4, 4), row-major; `fields`: the other members of AmbCamera."""
+        """to_world: (4, 4), row-major; `fields`: the other members of AmbCamera. Allowed after the
+        commit too, while no render of the scene is open."""
         camera = _ffi.AmbCamera()
         self._lib.amb_camera_init(byref(camera), kind)
         camera.to_world[:] = _flat(to_world)
@@ -276,6 +278,7 @@ class Render(_Handle):
             info.detail.decode("utf-8", "replace"),
             info.error,
             info.remaining,
+            info.pixel_step,
         )
 
     def wait(self, timeout: float = -1.0) -> bool:

@@ -15,9 +15,10 @@
  * Memory: arrays and strings passed in are copied during the call; buffers passed out belong to
  * the caller. Every destroy accepts NULL.
  *
- * Threads: a scene is set up by one thread at a time. A committed scene is constant and may be
- * rendered by several renders at once. amb_render_progress, amb_render_cancel and
- * amb_render_wait may be called from any thread; no callback ever enters the caller's code.
+ * Threads: a scene is set up by one thread at a time. A committed scene is constant, but for
+ * its camera between renders, and may be rendered by several renders at once. amb_render_progress,
+ * amb_render_cancel and amb_render_wait may be called from any thread; no callback ever enters the
+ * caller's code.
  *
  * Errors: a function that can fail returns an AmbStatus; on failure outputs are zeroed, the
  * object is unchanged and amb_last_error has the details for the calling thread.
@@ -42,7 +43,7 @@ extern "C" {
 #endif
 
 /* Bumped when the layout of a struct or the meaning of a function changes. */
-#define AMB_ABI_VERSION 4
+#define AMB_ABI_VERSION 5
 #define AMB_VERSION_STRING "0.1.0"
 
 /* ---- Status ---------------------------------------------------------------------------------- */
@@ -257,6 +258,8 @@ typedef struct AmbCamera {
 } AmbCamera;
 
 AMB_API void amb_camera_init(AmbCamera *camera, uint32_t kind);
+/* The camera alone may change after the commit: while the scene has no render (AMB_INVALID_STATE
+ * until the last is destroyed). What was built for the rays stays. */
 AMB_API AmbStatus amb_scene_set_camera(AmbScene *scene, const AmbCamera *camera);
 
 /* Checks the whole and freezes it: later amb_scene_add_* and _set_* return AMB_INVALID_STATE. A
@@ -340,6 +343,11 @@ typedef struct AmbRenderParams {
                                  * this one runs; beyond it the light field gets coarser, which the
                                  * report says, or the render ends with AMB_OUT_OF_MEMORY. 0: half
                                  * of the machine's memory */
+    uint32_t coarse_first;      /* 1: the first samples go to every eighth pixel of a row and of a
+                                 * column, then every fourth, every second: a view that is looked
+                                 * at while it renders has a picture soon. The final pixels are the
+                                 * same. No effect with accuracy */
+    uint32_t reserved;
 } AmbRenderParams;
 
 AMB_API void amb_render_params_init(AmbRenderParams *params);
@@ -370,11 +378,12 @@ typedef struct AmbProgress {
     float fraction;        /* of the whole render, [0,1], never falls */
     float elapsed;         /* seconds since start */
     uint32_t samples_done; /* camera samples per pixel that every pixel has */
-    uint32_t reserved;
-    char stage[32];  /* "scene", "light", "field", "camera", "done" */
-    char detail[96]; /* one line for a status bar */
-    float error;     /* relative, as the render states it so far; 0: not estimated */
-    float remaining; /* seconds, about; < 0: unknown */
+    uint32_t pixel_step;   /* every pixel_step-th pixel of a row and of a column, from the first,
+                            * has a sample; 0: none has */
+    char stage[32];        /* "scene", "light", "field", "camera", "done" */
+    char detail[96];       /* one line for a status bar */
+    float error;           /* relative, as the render states it so far; 0: not estimated */
+    float remaining;       /* seconds, about; < 0: unknown */
 } AmbProgress;
 
 AMB_API void amb_progress_init(AmbProgress *progress);
@@ -402,7 +411,8 @@ AMB_API AmbStatus amb_render_pass_channels(AmbRender *render, const char *name,
 
 /* Copies a pass of the crop rectangle: (crop_height, crop_width, channels) floats, row 0 =
  * bottom. count = number of floats of the buffer, must be exact. While the render runs, the
- * values are those of the samples done so far (AMB_INVALID_STATE before the first). */
+ * values are those of the samples done so far (AMB_INVALID_STATE while pixel_step is 0), and 0 in
+ * pixels that have none. */
 AMB_API AmbStatus amb_render_read_pass(AmbRender *render, const char *name, float *out_pixels,
                                        uint64_t count);
 

@@ -73,7 +73,10 @@ AmbStatus amb_plan_explain(AmbScene *scene, const AmbRenderParams *params, char 
     amb_render_params_init(&given);
     AMB_TRY(check_struct(params, sizeof given, "params", &given));
     AMB_TRY(check_params(&given));
-    return render_explain(scene, &given, buffer, size, out_size);
+    atomic_fetch_add(&scene->render_count, 1);
+    const AmbStatus status = render_explain(scene, &given, buffer, size, out_size);
+    atomic_fetch_sub(&scene->render_count, 1);
+    return status;
 }
 
 void amb_progress_init(AmbProgress *progress) {
@@ -157,7 +160,7 @@ AmbStatus amb_render_read_pass(AmbRender *render, const char *name, float *out_p
                            name, (unsigned long long)(row * film->height),
                            (unsigned long long)count);
     pthread_mutex_lock(&render->lock);
-    const bool has_samples = render->samples_done > 0;
+    const bool has_samples = render->pixel_step > 0;
     pthread_mutex_unlock(&render->lock);
     if (!has_samples) {
         memset(out_pixels, 0, count * sizeof(float));

@@ -438,23 +438,25 @@ static AmbStatus check_camera(const AmbCamera *camera) {
 
 AmbStatus amb_scene_set_camera(AmbScene *scene, const AmbCamera *camera) {
     status_enter("amb_scene_set_camera");
-    AMB_TRY(check_open(scene));
+    AMB_TRY(check_pointer(scene, "scene"));
+    if (atomic_load(&scene->render_count) > 0)
+        return status_fail(AMB_INVALID_STATE, "the scene is being rendered");
     AmbCamera given;
     amb_camera_init(&given, AMB_CAMERA_PERSPECTIVE);
     AMB_TRY(check_struct(camera, sizeof given, "camera", &given));
     AMB_TRY(check_camera(&given));
     const float *m = given.to_world;
-    scene->camera = (SceneCamera){.kind = given.kind,
-                                  .position = vec3(m[3], m[7], m[11]),
-                                  .right = vec3_normalize(mat4_column(m, 0)),
-                                  .up = vec3_normalize(mat4_column(m, 1)),
-                                  .forward = vec3_negate(vec3_normalize(mat4_column(m, 2))),
-                                  .clip_start = given.clip_start,
-                                  .clip_end = given.clip_end,
-                                  .lens_radius = given.lens_radius,
-                                  .focus_distance = given.focus_distance};
-    memcpy(scene->camera.window, given.window, sizeof given.window);
-    scene->has_camera = true;
+    SceneCamera placed = {.kind = given.kind,
+                          .position = vec3(m[3], m[7], m[11]),
+                          .right = vec3_normalize(mat4_column(m, 0)),
+                          .up = vec3_normalize(mat4_column(m, 1)),
+                          .forward = vec3_negate(vec3_normalize(mat4_column(m, 2))),
+                          .clip_start = given.clip_start,
+                          .clip_end = given.clip_end,
+                          .lens_radius = given.lens_radius,
+                          .focus_distance = given.focus_distance};
+    memcpy(placed.window, given.window, sizeof given.window);
+    scene_set_camera(scene, &placed);
     return AMB_OK;
 }
 

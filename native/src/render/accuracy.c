@@ -497,6 +497,7 @@ static void count_samples(AmbRender *render) {
     render->accuracy.samples_min = least;
     render->accuracy.samples_max = most;
     render->samples_done = least;
+    render->pixel_step = least > 0 ? 1 : 0;
     pthread_mutex_unlock(&render->lock);
 }
 

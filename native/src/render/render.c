@@ -16,7 +16,7 @@ const char *const STAGE_NAMES[STAGE_COUNT] = {"scene", "light", "field", "camera
 /* Share of the progress bar: what stages cost in an ordinary render. */
 static const float STAGE_BEGIN[STAGE_COUNT + 1] = {0.0f, 0.02f, 0.08f, 0.15f, 1.0f};
 
-enum { TILE = 8, ROUND_MAX = 16 };
+enum { TILE = 8, COARSE_STEP = TILE, ROUND_MAX = 16 };
 _Static_assert((int)CAMERA_ORDER_COUNT == (int)FILM_ORDER_COUNT, "a pass for each order");
 _Static_assert((int)CAMERA_PART_COUNT == (int)FILM_PART_COUNT, "a sum for each part");
 
@@ -24,8 +24,9 @@ _Static_assert((int)CAMERA_PART_COUNT == (int)FILM_PART_COUNT, "a sum for each p
 typedef struct Round {
     AmbRender *render;
     const Field *field;
-    uint32_t count;         /* samples of each pixel, */
-    const uint32_t *quotas; /* or by pixel, if not NULL */
+    uint32_t total;         /* samples that each pixel has after it, */
+    uint32_t step;          /* of every step-th pixel of a row and of a column; */
+    const uint32_t *quotas; /* or if not NULL, samples to add by pixel */
     uint32_t tiles_x;
 } Round;
 
@@ -83,6 +84,16 @@ static AmbStatus render_pixel(const Round *round, uint32_t x, uint32_t y, uint32
     return AMB_OK;
 }
 
+static uint32_t samples_to_add(const Round *round, uint32_t x, uint32_t y) {
+    const Film *film = &round->render->film;
+    const uint64_t pixel = (uint64_t)y * film->width + x;
+    if (round->quotas != NULL)
+        return round->quotas[pixel];
+    if (x % round->step != 0 || y % round->step != 0)
+        return 0;
+    return round->total - film->pixels[pixel].count;
+}
+
 static AmbStatus render_tiles(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
     (void)thread;
     const Round *round = user;
@@ -93,8 +104,7 @@ static AmbStatus render_tiles(void *user, uint64_t begin, uint64_t end, uint32_t
         uint64_t samples = 0;
         for (uint32_t y = y0; y < y0 + TILE && y < film->height; ++y)
             for (uint32_t x = x0; x < x0 + TILE && x < film->width; ++x) {
-                const uint64_t pixel = (uint64_t)y * film->width + x;
-                const uint32_t count = round->quotas != NULL ? round->quotas[pixel] : round->count;
+                const uint32_t count = samples_to_add(round, x, y);
                 if (count > 0)
                     AMB_TRY(render_pixel(round, x, y, count));
                 samples += count;
@@ -120,21 +130,31 @@ void render_expect(AmbRender *render, double samples) {
     atomic_store(&render->job.work_total, (uint64_t)samples);
 }
 
+static AmbStatus run_fixed_round(Round *round, uint32_t step, uint32_t total) {
+    round->step = step;
+    round->total = total;
+    AMB_TRY(run_round(round));
+    AmbRender *render = round->render;
+    pthread_mutex_lock(&render->lock);
+    render->samples_done = step == 1 ? total : 0;
+    render->pixel_step = step;
+    pthread_mutex_unlock(&render->lock);
+    return AMB_OK;
+}
+
 /* All pixels get a few samples, then more of them: there is soon a whole picture to look at. The
  * division into rounds depends on the number of samples alone. */
 static AmbStatus run_fixed(AmbRender *render, const Field *field) {
     Round round = {.render = render, .field = field};
-    const double pixels = (double)render->film.width * render->film.height;
-    render_expect(render, pixels * render->params.samples);
-    for (uint32_t done = 0; done < render->params.samples; done += round.count) {
-        const uint32_t rest = render->params.samples - done;
-        round.count = done > 1 ? done : 1;
-        round.count = round.count < ROUND_MAX ? round.count : ROUND_MAX;
-        round.count = round.count < rest ? round.count : rest;
-        AMB_TRY(run_round(&round));
-        pthread_mutex_lock(&render->lock);
-        render->samples_done = done + round.count;
-        pthread_mutex_unlock(&render->lock);
+    const uint32_t samples = render->params.samples;
+    render_expect(render, (double)render->film.width * render->film.height * samples);
+    for (uint32_t step = render->params.coarse_first ? COARSE_STEP : 1; step > 1; step /= 2)
+        AMB_TRY(run_fixed_round(&round, step, 1));
+    for (uint32_t done = 0; done < samples;) {
+        const uint32_t more = done > 1 ? done : 1;
+        done += more < ROUND_MAX ? more : ROUND_MAX;
+        done = done < samples ? done : samples;
+        AMB_TRY(run_fixed_round(&round, 1, done));
     }
     return accuracy_measure_fixed(render);
 }
@@ -417,6 +437,7 @@ static void init_lock(AmbRender *render) {
 }
 
 static void release(AmbRender *render) {
+    atomic_fetch_sub(&render->scene->render_count, 1);
     probe_clear(&render->accuracy.probe);
     plan_clear(&render->plan);
     film_clear(&render->film);
@@ -433,6 +454,7 @@ AmbStatus render_start(AmbScene *scene, const AmbRenderParams *params, AmbRender
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for a render");
     init_lock(render);
     render->scene = scene;
+    atomic_fetch_add(&scene->render_count, 1);
     render->params = *params;
     render->accuracy.target = params->accuracy;
     render->accuracy.limit = "";
@@ -500,6 +522,7 @@ void render_progress(AmbRender *render, AmbProgress *out_progress) {
     out_progress->fraction = render->fraction;
     out_progress->elapsed = (float)(is_running ? clock_wall() - render->start : render->elapsed);
     out_progress->samples_done = render->samples_done;
+    out_progress->pixel_step = render->pixel_step;
     if (render->accuracy.has_noise && render->accuracy.has_field)
         out_progress->error = (float)accuracy_stated(&render->accuracy);
     out_progress->remaining = is_running ? remaining_seconds(render, inside) : 0.0f;

@@ -46,8 +46,8 @@ struct AmbRender {
     pthread_cond_t ended_changed;
     uint32_t state; /* AMB_STATE_* */
     uint32_t stage;
-    uint32_t samples_done;
-    float fraction; /* largest reported */
+    uint32_t samples_done, pixel_step; /* as in AmbProgress */
+    float fraction;                    /* largest reported */
     double stage_start;
     bool is_reduced;   /* the light field is coarser than asked for, or will be: memory */
     Accuracy accuracy; /* the measure so far; only its thread writes */

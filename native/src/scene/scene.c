@@ -316,6 +316,12 @@ static Vec3 moved(Vec3 p, Vec3d origin) {
     return vec3d_round(vec3d_sub(vec3d_from(p), origin));
 }
 
+static void place_camera(AmbScene *scene) {
+    scene->camera.position = moved(scene->camera.position, scene->origin);
+    scene->camera.target = scene->center;
+    scene->camera.target_radius = scene->radius;
+}
+
 AmbStatus scene_commit(AmbScene *scene) {
     if (!scene->has_camera)
         return status_fail(AMB_INVALID_ARGUMENT, "the scene has no camera");
@@ -323,6 +329,7 @@ AmbStatus scene_commit(AmbScene *scene) {
     for (uint32_t i = 0; i < scene->mesh_count && status == AMB_OK; ++i)
         status = drop_duplicates(&scene->meshes[i]);
     const Vec3d origin = choose_origin(scene);
+    scene->origin = origin;
     for (uint32_t i = 0; i < scene->object_count && status == AMB_OK; ++i)
         status = place_object(scene, &scene->objects[i], origin);
     if (status == AMB_OK)
@@ -337,11 +344,16 @@ AmbStatus scene_commit(AmbScene *scene) {
     find_neighbours(scene);
     for (uint32_t i = 0; i < scene->light_count; ++i)
         scene->lights[i].position = moved(scene->lights[i].position, origin);
-    scene->camera.position = moved(scene->camera.position, origin);
-    scene->camera.target = scene->center;
-    scene->camera.target_radius = scene->radius;
+    place_camera(scene);
     scene->is_committed = true;
     return AMB_OK;
+}
+
+void scene_set_camera(AmbScene *scene, const SceneCamera *camera) {
+    scene->camera = *camera;
+    scene->has_camera = true;
+    if (scene->is_committed)
+        place_camera(scene);
 }
 
 static AmbStatus build_intersector(AmbScene *scene, Job *job) {

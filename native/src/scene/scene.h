@@ -5,9 +5,11 @@
 #define AMB_SCENE_SCENE_H
 
 #include <pthread.h>
+#include <stdatomic.h>
 
 #include "base/parallel.h"
 #include "math/vec3.h"
+#include "math/vec3d.h"
 #include "optics/medium.h"
 #include "scene/camera.h"
 #include "scene/intersect.h"
@@ -68,12 +70,14 @@ struct AmbScene {
     bool has_camera;
     bool is_committed;
     /* Places in a committed scene are counted from an origin of its own: see scene_commit. */
+    Vec3d origin;
     Vec3 center;  /* bounding sphere of all objects */
     float radius; /* 0: empty scene */
     /* Built by the first render, under the lock; const once is_built. */
     pthread_mutex_t build_lock;
     bool is_built;
     Intersector *intersector;
+    atomic_uint render_count; /* renders that read it: while there are, nothing of it may change */
 };
 
 /* A point of a boundary, as needed to refract there. */
@@ -91,6 +95,9 @@ AmbStatus scene_commit(AmbScene *scene);
 
 /* Builds the ray accelerator if no render has done so yet. Cancellable. */
 AmbStatus scene_build(AmbScene *scene, Job *job);
+
+/* A camera in world coordinates; places it where the scene is committed. */
+void scene_set_camera(AmbScene *scene, const SceneCamera *camera);
 
 void scene_clear(AmbScene *scene);
 
