@@ -3,7 +3,7 @@
 pays for order 2.
 
     python3 tests/bench/bench_orders.py table [--runs 16]   # z-scores, as in docs/accuracy.md
-    python3 tests/bench/bench_orders.py flux                # watts in and out of white spheres
+    python3 tests/bench/bench_orders.py flux [--runs 16]    # watts in and out of spheres
     python3 tests/bench/bench_orders.py speed               # order 2, at equal error
 
 The tracer comes with the C tests: cmake --build build/dev --target order_tracer.
@@ -28,11 +28,11 @@ from order_scenes import (  # noqa: E402
     RADII,
     WALK,
     Ball,
+    balance,
     library_orders,
     reference_scene,
     stored_orders,
     trace,
-    white_flux,
     whole,
 )
 
@@ -81,12 +81,18 @@ def table(runs: int) -> None:
             print(f"| {shape} {radius:g} | " + " | ".join([*cells, tail]) + " |", flush=True)
 
 
-def flux(views: int, samples: int) -> None:
-    print("| index | g | out / interacting - 1 |")
-    print("|---|---|---|")
-    for ior, g in ((1.0, 0.5), (1.5, 0.0)):
-        out, interacting = white_flux(ior, g, views, samples)
-        print(f"| {ior:g} | {g:g} | {out / interacting - 1:+.2%} |", flush=True)
+def flux(runs: int) -> None:
+    print("| index | albedo | g | out | absorbed | out + absorbed - 1 | its error |")
+    print("|---|---|---|---|---|---|---|")
+    for ior, g in ((0.75, 0.0), (1.0, 0.5), (1.33, 0.5), (1.5, 0.0), (2.4, 0.0)):
+        for albedo in (1.0, 0.7):
+            found = balance(ior, albedo, g, runs, samples=4)
+            off = found.out + found.absorbed - 1
+            print(
+                f"| {ior:g} | {albedo:g} | {g:g} | {found.out:.4f} | {found.absorbed:.4f} "
+                f"| {off:+.2%} | {found.error:.2%} |",
+                flush=True,
+            )
 
 
 def speed() -> None:
@@ -140,14 +146,12 @@ def speed() -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", choices=["table", "flux", "speed"])
-    parser.add_argument("--runs", type=int, default=16, help="pairs of renders of the table")
-    parser.add_argument("--views", type=int, default=256, help="of the flux")
-    parser.add_argument("--samples", type=int, default=16, help="per pixel of the flux")
+    parser.add_argument("--runs", type=int, default=16, help="of the table and the flux")
     options = parser.parse_args()
     if options.what == "table":
         table(options.runs)
     elif options.what == "flux":
-        flux(options.views, options.samples)
+        flux(options.runs)
     else:
         speed()
 

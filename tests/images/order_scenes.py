@@ -309,34 +309,81 @@ def whole(orders: Orders) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 # ---- Flux ----------------------------------------------------------------------------------------
 
-
-def directions(count: int) -> NDArray[np.float64]:
-    """Unit vectors that cover the sphere evenly, (count, 3)."""
-    i = np.arange(count)
-    z, turn = 1 - (2 * i + 1) / count, i * np.pi * (3 - np.sqrt(5))
-    s = np.sqrt(1 - z * z)
-    return np.stack([s * np.cos(turn), s * np.sin(turn), z], axis=1)
+SCATTERED = SINGLE | DOUBLE | MULTIPLE
+WORLD = _ffi.AMB_EFFECT_WORLD_LIGHT
+SEEN = _ffi.AMB_EFFECT_BACKGROUND | _ffi.AMB_EFFECT_SURFACE_REFLECTION
+ACROSS = 2.02
 
 
-def white_flux(ior: float, g: float, views: int, samples: int) -> tuple[float, float]:
-    """Watts that leave a white sphere of optical radius 1 under a sun after they scattered, seen
-    along ``views`` directions, and watts that interact with its medium."""
-    width, out, interacting = 2.04, 0.0, 0.0
-    sun = Sun((0.0, 0.0, -1.0), 0.0, 1.0)
-    for k, d in enumerate(directions(views)):
-        eye, up = (-4 * d).tolist(), (0.0, 0.0, 1.0) if abs(d[2]) < 0.9 else (1.0, 0.0, 0.0)
-        camera = Camera((eye[0], eye[1], eye[2]), (d[0], d[1], d[2]), up, (width, width), False)
-        scene = OrderScene(icosphere(4), ior, 1.0, 0.0, g, camera, [sun])
+def _seen_along(direction: NDArray[np.float64]) -> Camera:
+    """Sees the unit sphere whole."""
+    x, y, z = direction.tolist()
+    up = (0.0, 0.0, 1.0) if abs(z) < 0.9 else (1.0, 0.0, 0.0)
+    return Camera((-4 * x, -4 * y, -4 * z), (x, y, z), up, (ACROSS, ACROSS), False)
+
+
+def _ball(ior: float, albedo: float, g: float, camera: Camera, **light: Any) -> OrderScene:
+    return OrderScene(icosphere(4), ior, albedo, 1 - albedo, g, camera, **light)
+
+
+def scattered_flux(
+    ior: float, albedo: float, g: float, seed: int, views: int, samples: int
+) -> tuple[float, float]:
+    """Watts that leave a sphere of optical radius 1 under a sun of 1 W/m^2 after they scattered,
+    and those that interact with its medium. What is seen depends on the angle to the sun alone:
+    Gauss-Legendre over its cosine."""
+    nodes, weights = np.polynomial.legendre.leggauss(views)
+    sun, out, interacting = Sun((0.0, 0.0, -1.0), 0.0, 1.0), 0.0, 0.0
+    for k, (c, weight) in enumerate(zip(nodes, weights, strict=True)):
+        turn = 2.4 * k + seed
+        d = np.array([*(np.sqrt(1 - c * c) * np.array([np.cos(turn), np.sin(turn)])), c])
+        scene = _ball(ior, albedo, g, _seen_along(d), lamps=[sun])
         settings: dict[str, Any] = {
-            "effects": SINGLE | DOUBLE | MULTIPLE,
+            "effects": SCATTERED,
             "estimator": _ffi.AMB_ESTIMATOR_POINTS_COVARIANCE,
             "scatter_estimator": WALK,
             "light_samples": 2**13,
-            "light_bounces": 8,
+            "kernel_size": 1.0,
+            "light_bounces": 12,
             "camera_bounces": 64,
         }
-        image = render(scene.build, 16, name="Combined", seed=k, samples=samples, **settings)
+        image = render(
+            scene.build, 24, name="Combined", seed=seed * views + k, samples=samples, **settings
+        )
         seen = float(image.pixels[..., 1].astype(np.float64).mean())
-        out += seen * width**2 * 4 * np.pi / views
-        interacting += image.report["light"]["flux_interacting"][1] / views
+        out += seen * ACROSS**2 * 2 * np.pi * float(weight)
+        interacting += float(image.report["light"]["flux_interacting"][1]) / views
     return out, interacting
+
+
+def absorbed_flux(ior: float, albedo: float, g: float, seed: int, samples: int) -> float:
+    """Watts of the same sun that the same sphere absorbs, by reciprocity: what the sun would miss
+    if it looked at the sphere in a world of radiance 1."""
+    scene = _ball(ior, albedo, g, _seen_along(np.array([0.0, 0.0, -1.0])), world=1.0)
+    settings: dict[str, Any] = {
+        "effects": SCATTERED | WORLD | SEEN,
+        "camera_bounces": 64,
+        "film_transparent": 0,
+        "scatter_estimator": WALK,
+    }
+    image = render(scene.build, 24, name="Combined", seed=seed, samples=samples, **settings)
+    return float((1 - image.pixels[..., 1].astype(np.float64)).mean()) * ACROSS**2
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Parts of the watts that interact, and the standard error of their sum."""
+
+    out: float
+    absorbed: float
+    error: float
+
+
+def balance(
+    ior: float, albedo: float, g: float, runs: int, views: int = 8, samples: int = 2
+) -> Balance:
+    fluxes = np.array([scattered_flux(ior, albedo, g, k, views, samples) for k in range(runs)])
+    taken = np.array([absorbed_flux(ior, albedo, g, k, 32 * samples) for k in range(runs)])
+    spread = np.hypot(fluxes[:, 0].std(ddof=1), taken.std(ddof=1)) / np.sqrt(runs)
+    out, interacting = fluxes.mean(axis=0)
+    return Balance(out / interacting, taken.mean() / interacting, spread / interacting)

@@ -309,13 +309,21 @@ def test_flux_of_a_matched_sphere(sigma_t: float, estimator: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("estimator", "bounces"),
-    [(TUBES, 0), (TUBES, 40), (SPECULAR, 0), (POINTS_COVARIANCE, 0), (POINTS_COVARIANCE, 40)],
+    ("estimator", "bounces", "n"),
+    [
+        (TUBES, 0, 1.5),
+        (TUBES, 40, 1.5),
+        (TUBES, 40, 2.4),
+        (SPECULAR, 0, 1.5),
+        (POINTS_COVARIANCE, 0, 1.5),
+        (POINTS_COVARIANCE, 40, 1.5),
+        (POINTS_COVARIANCE, 40, 2.4),
+    ],
 )
-def test_flux_of_a_refracting_sphere(bounces: int, estimator: int) -> None:
-    flux = fluxes(1.5, 1.0, bounces, estimator)
-    entered = sphere_flux(np.inf, 1.5, reflections=False)
-    interacting = sphere_flux(1.0, 1.5, reflections=bounces > 0)
+def test_flux_of_a_refracting_sphere(n: float, bounces: int, estimator: int) -> None:
+    flux = fluxes(n, 1.0, bounces, estimator)
+    entered = sphere_flux(np.inf, n, reflections=False)
+    interacting = sphere_flux(1.0, n, reflections=bounces > 0)
     assert flux["entered"] == pytest.approx(np.pi * entered, rel=1e-3)
     assert flux["interacting"] == pytest.approx(np.pi * interacting, rel=1e-3)
 
