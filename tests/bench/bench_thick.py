@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Later orders of scattering in thick media: walks against photons. Prints; never asserts.
 
-    python3 tests/bench/bench_thick.py [--jade] [--threads N]
+    python3 tests/bench/bench_thick.py [--jade | --means] [--threads N]
 
 First a table over optical radius and albedo of a sphere, index 1.5, lit by a point: the error of
 double and multiple scattering together, what it cost, and from both what 3 % would cost in an
 image of 256 x 256, in units of what its camera rays alone take. Errors of walks fall with
 n^(-1/2), of photons with n^(-1/3): cells get smaller as photons get more. Then jade, optical
 radius 20, as sphere and as bumpy sphere, against photons sixteen times as many and along other
-camera rays, kept under build/bench.
+camera rays, kept under build/bench. --means is the bias of photons: means of small pictures to
+those of walks.
 """
 
 from __future__ import annotations
@@ -44,6 +45,24 @@ JADE_PHOTONS = 2**18
 REFERENCE_RUNS = 16
 
 
+MEANS = [  # shape, optical radius, albedo, g, pairs of walks, photons
+    ("sphere", 0.3, 0.9, 0.0, 4, 2**17),
+    ("bumpy", 1, 0.9, 0.0, 4, 2**17),
+    ("bumpy", 5, 0.9, 0.0, 4, 2**17),
+    ("sphere", 5, 0.9, 0.6, 4, 2**17),
+    ("sphere", 5, 0.9, 0.7, 4, 2**17),
+    ("sphere", 5, 0.9, 0.8, 8, 2**17),
+    ("sphere", 20, 0.9, 0.0, 4, 2**17),
+    ("sphere", 20, 0.99, 0.0, 4, 2**17),
+    ("sphere", 20, 0.99, 0.7, 8, 2**17),
+    ("sphere", 100, 0.9, 0.0, 4, 2**17),
+    ("sphere", 100, 0.99, 0.0, 8, 2**16),
+    ("sphere", 200, 0.9, 0.0, 4, 2**17),
+]
+MEANS_SIZE, MEANS_WALKS, MEANS_PHOTON_RUNS = 16, 64, 4
+MESHES = {"sphere": lambda: icosphere(4), "bumpy": lambda: bumpy_sphere(4)}
+
+
 @dataclass(frozen=True)
 class Run:
     """Double plus multiple scattering, (height, width, 3); CPU seconds by stage."""
@@ -51,6 +70,7 @@ class Run:
     radiance: NDArray[np.float64]
     cover: NDArray[np.float64]
     cpu: dict[str, float]
+    orders: tuple[float, float]  # means of double and multiple scattering
 
 
 def scene_of(mesh: Mesh, optical_radius: float, albedo: float, g: float = 0.0) -> BuildScene:
@@ -82,10 +102,10 @@ def render(build: BuildScene, size: int, **params: int) -> Run:
         with scene.start(**settings) as job:
             job.wait()
             names = ("Double Scattering", "Multiple Scattering")
-            radiance = sum(job.read_pass(name)[::-1].astype(np.float64) for name in names)
+            passes = [job.read_pass(name)[::-1].astype(np.float64) for name in names]
             cover = job.read_pass("Combined")[::-1, :, 3].astype(np.float64)
             cpu = {stage["name"]: stage["cpu_s"] for stage in job.report()["stages"]}
-    return Run(np.asarray(radiance), cover, cpu)
+    return Run(passes[0] + passes[1], cover, cpu, (passes[0].mean(), passes[1].mean()))
 
 
 def noise(a: Run, b: Run) -> float:
@@ -137,6 +157,32 @@ def compare(optical_radius: float, albedo: float, unit: float, threads: int) -> 
     )
 
 
+def compare_means(row: tuple[str, float, float, float, int, int], threads: int) -> None:
+    shape, optical_radius, albedo, g, pairs, photons = row
+    build = scene_of(MESHES[shape](), optical_radius, albedo, g)
+
+    def means(count: int, **params: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        runs = np.array(
+            [
+                render(build, MEANS_SIZE, seed=seed, threads=threads, **params).orders
+                for seed in range(count)
+            ]
+        )
+        return runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(count)
+
+    walk, walk_error = means(2 * pairs, scatter_estimator=WALK, samples=MEANS_WALKS)
+    ours, our_error = means(MEANS_PHOTON_RUNS, scatter_estimator=PHOTONS, light_samples=4 * photons)
+    cells = [
+        f"{ours[k] / walk[k] - 1:+.1%} ({np.hypot(walk_error[k], our_error[k]) / walk[k]:.1%})"
+        for k in (0, 1)
+    ]
+    print(
+        f"| {shape} {optical_radius:g} | {albedo:g} | {g:g} | {photons} | {cells[0]} "
+        f"| {walk[0] / walk.sum():.2f} | {cells[1]} |",
+        flush=True,
+    )
+
+
 def jade(name: str, mesh: Mesh, unit: float, threads: int) -> None:
     build = scene_of(mesh, 20, 0.99)
     cache = ROOT / f"build/bench/thick_{name}_{SIZE}.npy"
@@ -177,8 +223,15 @@ def jade(name: str, mesh: Mesh, unit: float, threads: int) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--jade", action="store_true", help="jade alone, without the table")
+    parser.add_argument("--means", action="store_true", help="bias against walks alone")
     parser.add_argument("--threads", type=int, default=1)
     arguments = parser.parse_args()
+    if arguments.means:
+        print("| body, optical radius | albedo | g | photons | order 2 | its share | order 3+ |")
+        print("|---|---|---|---|---|---|---|")
+        for row in MEANS:
+            compare_means(row, arguments.threads)
+        return
     unit = camera_rays(arguments.threads)
     print(f"camera rays alone, {SIZE} x {SIZE} x {SAMPLES}: {unit:.3f} CPU s", flush=True)
     if not arguments.jade:

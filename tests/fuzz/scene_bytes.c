@@ -274,8 +274,8 @@ static void check_picture(const Story *story, AmbRender *render, const AmbRender
         const uint64_t count = pixels * channels;
         FUZZ_HOLDS(checked(amb_render_read_pass(render, passes[p], values, count)) == AMB_OK,
                    "no pass %s", passes[p]);
-        /* Depth may be negative, and with photons what spherical harmonics sum up to. */
-        const bool may_be_negative = p == 1 || params->scatter_estimator != AMB_SCATTER_WALK;
+        /* Depth may be negative, and what a tree cut adds to second order. */
+        const bool may_be_negative = p == 1 || params->scatter_estimator == AMB_SCATTER_TREE_CUT;
         for (uint64_t i = 0; i < count && story->is_moderate; ++i)
             FUZZ_HOLDS(isfinite(values[i]) && (may_be_negative || values[i] >= 0.0f), "%s has %g",
                        passes[p], (double)values[i]);

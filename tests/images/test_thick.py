@@ -21,6 +21,7 @@ from api import (
 )
 from meshes import Mesh, box, icosphere
 from numpy.typing import NDArray
+from order_scenes import ORDERS, passes, reference_scene, stored_orders, whole
 
 SINGLE = _ffi.AMB_EFFECT_SINGLE_SCATTERING
 DOUBLE = _ffi.AMB_EFFECT_DOUBLE_SCATTERING
@@ -123,6 +124,23 @@ def test_means_against_walks(build: Any, samples: int) -> None:  # noqa: ANN401
     for k in (1, 2):
         assert photons[k] == pytest.approx(walk[k], abs=3.5 * error[k] + 0.015 * walk[k]), k
         assert error[k] < 0.03 * walk[k]
+
+
+def test_flat_walls_against_the_tracer() -> None:
+    """A slab, whose layers lines measure all alike, against the independent path tracer."""
+    known, known_error = whole(stored_orders("slab", 10.0))
+    settings = {"scatter_estimator": PHOTONS, "effects": DOUBLE | MULTIPLE, "samples": 4}
+    scene = reference_scene("slab", 10.0)
+    runs = np.array(
+        [passes(scene, 24, light_samples=2**18, seed=seed, **settings) for seed in range(3)]
+    ).mean(axis=(1, 2))
+    photons, error = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    for k, names in ((1, ["2"]), (2, ["3", "4+"])):
+        columns = [ORDERS.index(name) for name in names]
+        mean = known[columns].sum()
+        both = np.hypot(error[k], np.linalg.norm(known_error[columns]))
+        assert both < 0.02 * mean
+        assert photons[k] == pytest.approx(mean, abs=3.5 * both + 0.015 * mean), names
 
 
 def test_surroundings_against_walks() -> None:

@@ -1,10 +1,13 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * Photons and the cells that keep them: harmonics, depths and volumes against closed forms, flux
- * balance, a white furnace, and media whose channels differ against grey ones. */
+ * Photons and the cells that keep them: harmonics, lobes, depths and volumes against closed forms,
+ * flux balance, a white furnace, light that is never negative, and media whose channels differ
+ * against grey ones.
+ */
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/memory.h"
+#include "field/scatter/lobe.h"
 #include "field/scatter/scatter.h"
 #include "field/scatter/scatter_cells.h"
 #include "shapes.h"
@@ -49,6 +52,35 @@ static void addition_theorem(void) {
         }
     }
     ENSURE_NEAR(worst, 0.0, 5e-6);
+}
+
+/* ---- Lobes ----------------------------------------------------------------------------------- */
+
+/* Nowhere negative, flux and mean cosine exact; and the plain sum where that is possible. */
+static void lobes_are_positive(void) {
+    const float gs[8] = {0.1f, 0.4f, -0.55f, 0.6f, 0.66f, -0.75f, 0.8f, 0.88f};
+    for (int i = 0; i < 8; ++i) {
+        const float g = gs[i];
+        const uint32_t degree = lobe_degree(g);
+        float c[HARMONIC_DEGREE_MAX + 1];
+        lobe_coefficients(g, degree, c);
+        ENSURE_NEAR(c[0], 1.0, 1e-6);
+        ENSURE_NEAR(c[1], g, 1e-5);
+        double least = 1.0;
+        for (int k = 0; k <= 5000; ++k) {
+            double sum = 0.0;
+            for (uint32_t l = 0; l <= degree; ++l)
+                sum += (2.0 * l + 1.0) * (double)c[l] * legendre(l, k / 2500.0 - 1.0);
+            least = fmin(least, sum);
+        }
+        ENSURE(least >= 0.0);
+        for (uint32_t l = 2; l <= degree; ++l) {
+            const double plain = pow((double)g, l);
+            ENSURE(fabs((double)c[l]) <= fabs(plain) + 1e-6 && (double)c[l] * plain > 0.0);
+            if (fabsf(g) < 0.67f)
+                ENSURE_NEAR((double)c[l] / plain, 1.0, 0.05);
+        }
+    }
 }
 
 /* ---- Scenes ---------------------------------------------------------------------------------- */
@@ -146,7 +178,7 @@ static void volumes_of_a_sphere(void) {
     Job job;
     job_init(&job, 1);
     ScatterCells cells;
-    ENSURE_STATUS(scatter_cells_build(scene, 0, 0, 0.1f, 2, &job, &cells), AMB_OK);
+    ENSURE_STATUS(scatter_cells_build(scene, 0, 0.1f, 2, &job, &cells), AMB_OK);
     double sum = 0.0;
     for (uint64_t i = 0; i < cells.cell_count; ++i)
         sum += (double)cells.volumes[i];
@@ -154,6 +186,42 @@ static void volumes_of_a_sphere(void) {
     ENSURE(inner > 0.3 && inner < 0.6);
     const double expected = 4.0 / 3.0 * PI * (1.0 - inner * inner * inner);
     ENSURE_NEAR(sum / expected, 1.0, 8e-3);
+    scatter_cells_clear(&cells);
+    amb_scene_destroy(scene);
+}
+
+/* Lines along the normals of flat walls meet their layers all alike: each layer has the volume of
+ * its shell, where the grid's distances are not rounded by edges. */
+static void volumes_of_a_box(void) {
+    AmbScene *scene = NULL;
+    ENSURE_STATUS(amb_scene_create(&scene), AMB_OK);
+    const AmbMaterial material = shape_resin(1.5f, 12.0f, 0.0f, 0.0f);
+    uint32_t id = 0;
+    ENSURE_STATUS(amb_scene_add_material(scene, &material, &id), AMB_OK);
+    Shape shape = shape_box();
+    const AmbMesh mesh = shape_mesh(&shape, "box", false);
+    shape_add(scene, &mesh, id, 1.0f, 0.0f, 0.0f, 0.0f);
+    shape_free(&shape);
+    AmbCamera camera;
+    amb_camera_init(&camera, AMB_CAMERA_PERSPECTIVE);
+    ENSURE_STATUS(amb_scene_set_camera(scene, &camera), AMB_OK);
+    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+    Job job;
+    job_init(&job, 1);
+    ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
+    ScatterCells cells;
+    ENSURE_STATUS(scatter_cells_build(scene, 0, 0.1f, 2, &job, &cells), AMB_OK);
+    double sums[LAYER_MAX] = {0.0};
+    for (uint64_t n = 0; n < (uint64_t)cells.count[0] * cells.count[1] * cells.count[2]; ++n) {
+        const CellColumn column = cells.columns[n];
+        for (uint32_t layer = column.low; layer < column.high; ++layer)
+            sums[layer] += (double)cells.volumes[column.first + layer - column.low];
+    }
+    for (uint32_t layer = 1; layer < 12; ++layer) {
+        const double outer = 2.0 - 2.0 * (double)cells.layers[layer];
+        const double inner = 2.0 - 2.0 * (double)cells.layers[layer + 1];
+        ENSURE_NEAR(sums[layer] / (outer * outer * outer - inner * inner * inner), 1.0, 0.025);
+    }
     scatter_cells_clear(&cells);
     amb_scene_destroy(scene);
 }
@@ -185,8 +253,9 @@ static void flux_is_kept(void) {
 static void white_furnace(void) {
     const struct {
         float sigma, g, ior;
-    } cases[3] = {{4.0f, 0.0f, 1.5f}, {10.0f, 0.6f, 1.3f}, {30.0f, 0.0f, 2.0f}};
-    for (int i = 0; i < 3; ++i) {
+    } cases[4] = {
+        {4.0f, 0.0f, 1.5f}, {10.0f, 0.6f, 1.3f}, {10.0f, 0.9f, 1.3f}, {30.0f, 0.0f, 2.0f}};
+    for (int i = 0; i < 4; ++i) {
         AmbScene *scene = furnace(shape_resin(cases[i].ior, cases[i].sigma, 0.0f, cases[i].g));
         const ScatterParams params = world_params(30000);
         Scatter *scatter = trace(scene, &params, 1);
@@ -197,6 +266,30 @@ static void white_furnace(void) {
         const double n2 = (double)(cases[i].ior * cases[i].ior);
         ENSURE_NEAR((double)total_of(&mean).g / (n2 * scattered), 1.0, 0.02);
         ENSURE(mean.once.g > 0.0f && mean.twice.g > 0.0f && mean.more.g > mean.twice.g);
+        scatter_destroy(scatter);
+        amb_scene_destroy(scene);
+    }
+}
+
+/* However few photons there are, and however sharp the lobes. */
+static void no_light_is_negative(void) {
+    const float gs[4] = {0.3f, -0.5f, 0.8f, 0.97f};
+    for (int i = 0; i < 4; ++i) {
+        AmbScene *scene = furnace(shape_resin(1.5f, 6.0f, 0.1f, gs[i]));
+        const ScatterParams params = world_params(60);
+        Scatter *scatter = trace(scene, &params, 1);
+        uint64_t state = 3, lit = 0;
+        double least = 0.0;
+        for (int k = 0; k < 4 * RAYS; ++k) {
+            const Vec3 o = vec3_scale(random_direction(&state), 0.9f);
+            const FieldSegment segment = {o, random_direction(&state), 0.1f, 0};
+            const ScatterRadiance radiance = scatter_gather(scatter, &segment);
+            least = fmin(least,
+                         (double)fminf(radiance.once.g, fminf(radiance.twice.g, radiance.more.g)));
+            lit += total_of(&radiance).g > 0.0f ? 1 : 0;
+        }
+        ENSURE_NEAR(least, 0.0, 0.0);
+        ENSURE(lit > RAYS);
         scatter_destroy(scatter);
         amb_scene_destroy(scene);
     }
@@ -266,10 +359,13 @@ static void failures_leave_nothing(void) {
 void test_scatter(void);
 void test_scatter(void) {
     RUN(addition_theorem);
+    RUN(lobes_are_positive);
     RUN(depths_of_a_sphere);
     RUN(volumes_of_a_sphere);
+    RUN(volumes_of_a_box);
     RUN(flux_is_kept);
     RUN(white_furnace);
+    RUN(no_light_is_negative);
     RUN(channels_are_media_of_their_own);
     RUN(threads_do_not_matter);
     RUN(failures_leave_nothing);

@@ -8,7 +8,7 @@
 
 #include "math/sampling.h"
 
-enum { HARMONIC_DEGREE_MAX = 4, HARMONIC_COUNT_MAX = 25 };
+enum { HARMONIC_DEGREE_MAX = 8, HARMONIC_COUNT_MAX = 81 };
 
 /* Factors of the recurrences up to a degree; const once made. */
 typedef struct Harmonics {

@@ -54,19 +54,6 @@ static AmbStatus trace_bank(void *user, uint64_t begin, uint64_t end, uint32_t t
 
 /* ---- Cells ----------------------------------------------------------------------------------- */
 
-/* Harmonics beyond this degree l would add g^l of something small. */
-static const float HARMONIC_REST = 0.02f;
-
-static uint32_t harmonic_degree(const Medium *medium) {
-    float g = 0.0f;
-    for (uint32_t j = 0; j < medium->lobe_count; ++j)
-        g = fmaxf(g, fabsf(medium->lobes[j].g));
-    uint32_t degree = 0;
-    while (degree < HARMONIC_DEGREE_MAX && powf(g, (float)(degree + 1)) > HARMONIC_REST)
-        ++degree;
-    return degree;
-}
-
 /* Radius of the sphere of the object's area, m. */
 static float area_radius(const AmbScene *scene, uint32_t object) {
     const SceneObject *shape = &scene->objects[object];
@@ -94,8 +81,7 @@ static AmbStatus build_cells(const AmbScene *scene, const ScatterParams *params,
         const Medium *medium = &scene->materials[object->inside].medium;
         if (!object->is_boundary || !medium_scatters(medium))
             continue;
-        AMB_TRY(scatter_cells_build(scene, o, harmonic_degree(medium),
-                                    cube_size(scene, o, params->photon_count),
+        AMB_TRY(scatter_cells_build(scene, o, cube_size(scene, o, params->photon_count),
                                     params->has_world ? 3 : 2, job, &scatter->cells[o]));
     }
     return AMB_OK;

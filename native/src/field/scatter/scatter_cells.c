@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "field/scatter/lobe.h"
 
 enum {
     LINES_PER_CUBE = 4, /* along an edge: lines on which volumes are measured */
@@ -105,6 +106,24 @@ static float cube_hat(const Cube *cube, uint32_t c) {
            ((c & 4) != 0 ? cube->at[2] : 1.0f - cube->at[2]);
 }
 
+/* The degree that the sharpest lobe asks for, and what all of them together scatter. */
+static void place_lobes(ScatterCells *cells) {
+    const Medium *medium = cells->medium;
+    uint32_t degree = 0;
+    for (uint32_t j = 0; j < medium->lobe_count; ++j) {
+        const uint32_t own = lobe_degree(medium->lobes[j].g);
+        degree = own > degree ? own : degree;
+    }
+    cells->harmonics = harmonics_create(degree);
+    for (uint32_t j = 0; j < medium->lobe_count; ++j) {
+        float c[HARMONIC_DEGREE_MAX + 1];
+        lobe_coefficients(medium->lobes[j].g, degree, c);
+        for (uint32_t l = 0; l <= degree; ++l)
+            cells->scattering[l] =
+                rgb_add(cells->scattering[l], rgb_scale(medium->lobes[j].sigma_s, c[l]));
+    }
+}
+
 /* ---- Volumes --------------------------------------------------------------------------------- */
 
 typedef struct Measure {
@@ -121,41 +140,77 @@ typedef struct Measure {
 /* Shortest step of measure_stretch, in lengths of the stretch. */
 static const float STEP_SHARE_MIN = 1e-4f;
 
-/* Adds the part of a line, of cross-section `area`, between two surfaces. Steps are shorter than
- * layers are thick and cubes are wide; far below the layers they are as long as the way to them. */
+/* Part of a line: it adds a volume to the nodes around its middle. */
+static void measure_part(const Measure *measure, Vec3 middle, uint32_t layer, float volume) {
+    const ScatterCells *cells = measure->cells;
+    Cube cube;
+    if (!find_cube(cells, middle, &cube))
+        return;
+    for (uint32_t c = 0; c < 8; ++c)
+        measure->volumes[cube_node(cells, &cube, c) * cells->layer_count + layer] +=
+            cube_hat(&cube, c) * volume;
+}
+
+/* A step of a line from p on, along which depth goes linearly from one value to another: each layer
+ * gets what of the step lies in it. To give the whole step to the layer in its middle would be
+ * right on average over lines that meet layers at random, but those along a flat wall's normal all
+ * meet them alike. */
+static void measure_step(const Measure *measure, Vec3 p, Vec3 step, float volume,
+                         const float depths[2]) {
+    const ScatterCells *cells = measure->cells;
+    const float low = fmaxf(fminf(depths[0], depths[1]), 0.0f);
+    const float high = fmaxf(fmaxf(depths[0], depths[1]), low);
+    const float range = depths[1] - depths[0];
+    uint32_t layer = scatter_layer_at(cells, low);
+    for (; layer < cells->layer_count && cells->layers[layer] <= high; ++layer) {
+        float from = 0.0f, to = 1.0f; /* of the step, lower depths first */
+        const float x0 = (cells->layers[layer] - depths[0]) / range;
+        const float x1 = (cells->layers[layer + 1] - depths[0]) / range;
+        /* What reaches above the boundary by the grid's errors belongs to the first layer. */
+        if (range > 0.0f) {
+            from = layer > 0 ? fmaxf(x0, 0.0f) : 0.0f;
+            to = fminf(x1, 1.0f);
+        } else if (range < 0.0f) {
+            from = fmaxf(x1, 0.0f);
+            to = layer > 0 ? fminf(x0, 1.0f) : 1.0f;
+        }
+        if (to > from)
+            measure_part(measure, vec3_madd(p, 0.5f * (from + to), step), layer,
+                         (to - from) * volume);
+        if (range == 0.0f)
+            return;
+    }
+}
+
+/* Adds the part of a line, of cross-section `area`, between two surfaces. Steps are as long as
+ * layers are thick and shorter than cubes are wide; far below the layers they are as long as the
+ * way to them. */
 static void measure_stretch(const Measure *measure, Vec3 o, Vec3 d, float length, float area) {
     const ScatterCells *cells = measure->cells;
     const float deepest = cells->layers[cells->layer_count];
-    const float step_max = 0.5f * cells->size;
-    /* In a medium so dense that layers are thinner than this they are met by chance; shorter steps
-     * would never end, or not move at all. */
+    const float step_max = fminf(0.5f * cells->size, cells->depth.spacing);
+    /* In a medium so dense that layers are thinner than this, parts of a step may be far from where
+     * a line through the grid's depths says; shorter steps would never end, or not move at all. */
     const float step_min = STEP_SHARE_MIN * length;
-    float t = 0.0f;
-    while (t < length) {
-        const float depth = depth_grid_at(&cells->depth, vec3_madd(o, t, d));
-        const float free = depth_grid_free(&cells->depth, depth) - deepest;
-        float step = 0.4f * cells->layer_width;
-        step = step < 0.08f * depth ? 0.08f * depth : step;
-        step = step < step_max ? step : step_max;
-        step = step > free ? step : free;
-        step = step > step_min ? step : step_min;
-        step = step < length - t ? step : length - t;
-        const Vec3 p = vec3_madd(o, t + 0.5f * step, d);
+    float depths[2] = {depth_grid_at(&cells->depth, o), 0.0f};
+    for (float t = 0.0f; t < length;) {
+        const float free = depth_grid_free(&cells->depth, depths[0]) - deepest;
+        float step = fmaxf(cells->layer_width, 0.2f * depths[0]);
+        step = fmaxf(fmaxf(fminf(step, step_max), free), step_min);
+        step = fminf(step, length - t);
+        const Vec3 p = vec3_madd(o, t, d);
         t += step;
-        if (free > 0.0f)
-            continue;
-        const float below = depth_grid_at(&cells->depth, p);
-        const uint32_t layer = scatter_layer_at(cells, below > 0.0f ? below : 0.0f);
-        Cube cube;
-        if (layer >= cells->layer_count || !find_cube(cells, p, &cube))
-            continue;
-        /* Lines along a layer would meet it by luck: each counts with the square of its cosine to
-         * the layer's normal, which adds up to 1 over the three axes. */
-        const float cosine = vec3_dot(depth_grid_normal(&cells->depth, p), d);
-        const float volume = cosine * cosine * area * step;
-        for (uint32_t c = 0; c < 8; ++c)
-            measure->volumes[cube_node(cells, &cube, c) * cells->layer_count + layer] +=
-                cube_hat(&cube, c) * volume;
+        depths[1] = depth_grid_at(&cells->depth, vec3_madd(o, t, d));
+        if (!(free > 0.0f)) {
+            /* Lines along a layer would meet it by luck: each counts with the square of its cosine
+             * to the layer's normal, which adds up to 1 over the three axes. */
+            const Vec3 normal = depth_grid_normal(&cells->depth, vec3_madd(p, 0.5f * step, d));
+            const float cosine = vec3_dot(normal, d);
+            if (cosine != 0.0f)
+                measure_step(measure, p, vec3_scale(d, step), cosine * cosine * area * step,
+                             depths);
+        }
+        depths[0] = depths[1];
     }
 }
 
@@ -270,14 +325,14 @@ static AmbStatus measure_volumes(const AmbScene *scene, uint32_t object, Job *jo
     return status;
 }
 
-AmbStatus scatter_cells_build(const AmbScene *scene, uint32_t object, uint32_t degree, float size,
+AmbStatus scatter_cells_build(const AmbScene *scene, uint32_t object, float size,
                               uint32_t slot_count, Job *job, ScatterCells *out_cells) {
     memset(out_cells, 0, sizeof *out_cells);
     const SceneObject *shape = &scene->objects[object];
     out_cells->medium = &scene->materials[shape->inside].medium;
-    out_cells->harmonics = harmonics_create(degree);
+    place_lobes(out_cells);
     out_cells->slot_count = slot_count;
-    out_cells->float_count = slot_count * harmonic_count(degree) * 4;
+    out_cells->float_count = slot_count * harmonic_count(out_cells->harmonics.degree) * 4;
     AMB_TRY(depth_grid_build(scene, object, job, &out_cells->depth));
     place_layers(out_cells, shape->radius, size);
     place_nodes(out_cells, size);
@@ -325,27 +380,17 @@ bool scatter_cells_add(const ScatterCells *cells, float *moments, uint32_t slot,
 /* ---- Gathering ------------------------------------------------------------------------------- */
 
 /* What a moment adds to the radiance scattered into one direction, per metre:
- *   sigma_s p(w . wo) = sum over l, m of (sum over lobes of sigma_s g^l) Y_lm(wo) Y_lm(w). */
+ *   sigma_s p(w . wo) = sum over l, m of (sum over lobes of sigma_s c_l) Y_lm(wo) Y_lm(w). */
 static void scatter_weights(const ScatterCells *cells, Vec3 wo, float weights[][4]) {
     float values[HARMONIC_COUNT_MAX];
     harmonics_evaluate(&cells->harmonics, wo, values);
-    Rgb lobes[AMB_PHASE_LOBE_MAX];
-    const Medium *medium = cells->medium;
-    for (uint32_t j = 0; j < medium->lobe_count; ++j)
-        lobes[j] = medium->lobes[j].sigma_s;
-    for (uint32_t l = 0, i = 0; l <= cells->harmonics.degree; ++l) {
-        Rgb sum = {0, 0, 0};
-        for (uint32_t j = 0; j < medium->lobe_count; ++j) {
-            sum = rgb_add(sum, lobes[j]);
-            lobes[j] = rgb_scale(lobes[j], medium->lobes[j].g);
-        }
+    for (uint32_t l = 0, i = 0; l <= cells->harmonics.degree; ++l)
         for (; i < harmonic_count(l); ++i) {
-            weights[i][0] = values[i] * sum.r;
-            weights[i][1] = values[i] * sum.g;
-            weights[i][2] = values[i] * sum.b;
+            weights[i][0] = values[i] * cells->scattering[l].r;
+            weights[i][1] = values[i] * cells->scattering[l].g;
+            weights[i][2] = values[i] * cells->scattering[l].b;
             weights[i][3] = 0.0f;
         }
-    }
 }
 
 static float layer_middle(const ScatterCells *cells, uint32_t layer) {
@@ -387,7 +432,16 @@ static float sample_layer(const ScatterCells *cells, const Cube *cube, uint32_t 
     return fminf(volume / (LAYER_PART * whole), 1.0f);
 }
 
-/* Linear in depth between the middles of layers, and on to the boundary beyond the first. */
+/* Between two layers, x = 0 and 1 at their middles. Below 0, towards the boundary, the line ends at
+ * zero there at the least: a steeper one is the noise of a second layer more than three times as
+ * bright as the first, and its mean over the first stays what it is. */
+static float between(float here, float there, float x) {
+    const float step = there - here;
+    return here + (x < 0.0f ? fmaxf(x, -0.5f) * fminf(step, 2.0f * here) : x * step);
+}
+
+/* Linear in depth between the middles of layers, on to the boundary beyond the first, and even
+ * beyond the last. */
 static void sample_source(const ScatterCells *cells, Vec3 p, const float (*weights)[4],
                           float out[SLOT_MAX][4]) {
     memset(out, 0, SLOT_MAX * sizeof *out);
@@ -406,11 +460,11 @@ static void sample_source(const ScatterCells *cells, Vec3 p, const float (*weigh
     if (!(there > 0.0f))
         return;
     const float from = layer_middle(cells, layer), to = layer_middle(cells, layer + 1);
-    float x = there * (depth - from) / (to - from);
+    float x = there * fminf((depth - from) / (to - from), 1.0f);
     x = 1.0f - here * (1.0f - x);
     for (uint32_t s = 0; s < cells->slot_count; ++s)
         for (int k = 0; k < 4; ++k)
-            out[s][k] += x * (next[s][k] - out[s][k]);
+            out[s][k] = between(out[s][k], next[s][k], x);
 }
 
 /* int exp(-sigma t) dt over a step. */

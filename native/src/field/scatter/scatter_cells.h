@@ -24,6 +24,7 @@ typedef struct ScatterCells {
     DepthGrid depth;
     const Medium *medium;
     Harmonics harmonics;
+    Rgb scattering[HARMONIC_DEGREE_MAX + 1]; /* 1/m, by degree: sum over lobes of sigma_s c_l */
     uint32_t slot_count;  /* orders kept apart: twice, more and, with a world, once */
     uint32_t float_count; /* of a cell's moments */
     uint32_t layer_count;
@@ -40,7 +41,7 @@ typedef struct ScatterCells {
 } ScatterCells;
 
 /* Places cells and measures their volumes; moments are NULL then. size: edge of a cube. */
-AmbStatus scatter_cells_build(const AmbScene *scene, uint32_t object, uint32_t degree, float size,
+AmbStatus scatter_cells_build(const AmbScene *scene, uint32_t object, float size,
                               uint32_t slot_count, Job *job, ScatterCells *out_cells);
 void scatter_cells_clear(ScatterCells *cells);
 uint64_t scatter_cells_bytes(const ScatterCells *cells);

@@ -1,0 +1,103 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * Lobes that are nowhere negative. */
+#include "field/scatter/lobe.h"
+
+#include <math.h>
+
+#include "math/harmonics.h"
+
+/* Degrees beyond would add g^l of something small. */
+static const double REST = 0.02;
+/* Places of [-1, 1] where lobes are looked at, and what they must not fall below there, so that
+ * they do not fall below zero between: the mean is 1. */
+enum { PLACES = 2048 };
+static const double FLOOR = 1e-3;
+
+/* a at most: at 1 the kernel has zeros, where rounding would go below. */
+static const double SHARPEST = 0.98;
+
+/* P_0 .. P_degree. */
+static void legendre(double x, uint32_t degree, double *out) {
+    out[0] = 1.0;
+    out[1] = x;
+    for (uint32_t l = 2; l <= degree; ++l)
+        out[l] = ((2.0 * l - 1.0) * x * out[l - 1] - (l - 1.0) * out[l - 2]) / l;
+}
+
+/* Cosine of angle i + 1/2 of PLACES, so that places lie closer where lobes are sharp. */
+static double place(uint32_t i) {
+    return cos((double)AMB_PI * (i + 0.5) / PLACES);
+}
+
+static double kernel_at(const double *c, double x, uint32_t degree) {
+    double p[HARMONIC_DEGREE_MAX + 2], sum = 0.0;
+    legendre(x, degree, p);
+    for (uint32_t l = 0; l <= degree; ++l)
+        sum += (2.0 * l + 1.0) * c[l] * p[l];
+    return sum;
+}
+
+/* Of P_n: Newton's method comes down to it from 1, where all derivatives are positive. */
+static double largest_zero(uint32_t n) {
+    double x = 1.0, step = 1.0;
+    while (step > 1e-14) {
+        double p[HARMONIC_DEGREE_MAX + 2];
+        legendre(x, n, p);
+        const double slope =
+            x < 1.0 ? n * (p[n - 1] - x * p[n]) / (1.0 - x * x) : 0.5 * n * (n + 1);
+        step = p[n] / slope;
+        x -= step;
+    }
+    return x;
+}
+
+/* J_0 .. J_degree. */
+static void sharpest(uint32_t degree, double *out) {
+    const uint32_t n = degree / 2 + 1;
+    const double z = largest_zero(n);
+    for (uint32_t l = 0; l <= degree; ++l)
+        out[l] = 0.0;
+    for (uint32_t i = 0; i < PLACES; ++i) {
+        double p[HARMONIC_DEGREE_MAX + 2];
+        const double x = place(i);
+        legendre(x, degree > n ? degree : n, p);
+        const double root = p[n] / (x - z);
+        for (uint32_t l = 0; l <= degree; ++l)
+            out[l] += root * root * p[l] * sqrt(1.0 - x * x);
+    }
+    for (uint32_t l = degree + 1; l-- > 0;)
+        out[l] /= out[0];
+}
+
+uint32_t lobe_degree(float g) {
+    uint32_t degree = 0;
+    while (degree < 4 && pow(fabs((double)g), degree + 1) > REST)
+        ++degree;
+    /* At 4 and 6 the plain sum is nowhere negative up to here. */
+    return fabsf(g) > 0.63f ? 8 : fabsf(g) > 0.57f ? 6 : degree;
+}
+
+void lobe_coefficients(float g, uint32_t degree, float *out) {
+    double plain[HARMONIC_DEGREE_MAX + 1], smooth[HARMONIC_DEGREE_MAX + 1];
+    for (uint32_t l = 0; l <= degree; ++l)
+        plain[l] = smooth[l] = pow(fabs((double)g), l);
+    double share = 0.0; /* of the smooth one */
+    if (degree >= 4) {
+        double j[HARMONIC_DEGREE_MAX + 1];
+        sharpest(degree, j);
+        const double a = fmin(fabs((double)g) / j[1], SHARPEST);
+        for (uint32_t l = 0; l <= degree; ++l)
+            smooth[l] = pow(a, l) * j[l];
+        for (uint32_t i = 0; i < PLACES; ++i) {
+            const double x = place(i);
+            const double low = kernel_at(plain, x, degree), high = kernel_at(smooth, x, degree);
+            if (low < FLOOR && high > low)
+                share = fmax(share, (FLOOR - low) / (high - low));
+        }
+        share = fmin(share, 1.0);
+    }
+    for (uint32_t l = 0; l <= degree; ++l) {
+        const double c = (1.0 - share) * plain[l] + share * smooth[l];
+        out[l] = (float)(g < 0.0f && l % 2 == 1 ? -c : c);
+    }
+}
