@@ -42,7 +42,10 @@ enum {
     PROBES_MAX = 1024,
     SAMPLES_PER_PROBE = 64,
     SAMPLES_OF_TARGET = 8, /* of a pixel, where a target decides */
-    VIEW_RAYS_MAX = 4096
+    VIEW_RAYS_MAX = 4096,
+    /* The least render that tells shares on which nothing hangs: a probe follows walks through many
+     * light fields, and costs what some hundred samples of a simple picture do. */
+    SAMPLES_TO_TELL = 1 << 21
 };
 /* Another sequence than the picture's own. */
 static const uint32_t PROBE_SEED = 0x5eed;
@@ -285,13 +288,13 @@ static void skip_dependent(const AmbScene *scene, Plan *plan) {
 }
 
 static AmbStatus settle_effects(const AmbScene *scene, const AmbRenderParams *params,
-                                const PlanCrop *crop, Job *job, Plan *plan,
+                                const PlanCrop *crop, bool explains, Job *job, Plan *plan,
                                 MeshProblems *out_problems) {
     const double samples = expected_samples(params, crop);
     /* Who decides alone is told the shares where that costs nothing to speak of. */
     const bool is_measured =
         scene_has_boundary(scene) &&
-        (plan->is_automatic || samples >= (double)(PROBES_MIN * SAMPLES_PER_PROBE));
+        (plan->is_automatic || explains || samples >= (double)SAMPLES_TO_TELL);
     LightProbe light = {.fields = {NULL}};
     if (plan->has_field) {
         const LightProbeParams probe = {
@@ -386,7 +389,7 @@ static void describe_objects(const AmbScene *scene, Plan *plan) {
 }
 
 AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, const PlanCrop *crop,
-                      Job *job, Plan *out_plan) {
+                      bool explains, Job *job, Plan *out_plan) {
     Plan plan = {.estimator = params->estimator,
                  .object_count = scene->object_count,
                  .is_automatic = params->effects_are_auto != 0,
@@ -404,7 +407,7 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, cons
         for (uint32_t o = 0; o < plan.object_count; ++o)
             plan.targets[o] = true;
         apply_rules(scene, params, &plan);
-        status = settle_effects(scene, params, crop, job, &plan, &problems);
+        status = settle_effects(scene, params, crop, explains, job, &plan, &problems);
     }
     if (status == AMB_OK) {
         skip_dependent(scene, &plan);

@@ -80,10 +80,11 @@ typedef struct PlanCrop {
 /* AMB_UNSUPPORTED for estimators and effects that do not exist; the scene need not be built. */
 AmbStatus plan_check(const AmbRenderParams *params);
 
-/* The scene must be built. AMB_UNSUPPORTED where an estimator is asked for by name that cannot
- * render this scene. */
+/* The scene must be built. With explains, the shares of effects are measured even where the plan
+ * does not need them and they cost more than a small part of the render. AMB_UNSUPPORTED where an
+ * estimator is asked for by name that cannot render this scene. */
 AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, const PlanCrop *crop,
-                      Job *job, Plan *out_plan);
+                      bool explains, Job *job, Plan *out_plan);
 void plan_clear(Plan *plan);
 
 /* Another number of volume samples than the parameters say. */

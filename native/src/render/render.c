@@ -195,7 +195,7 @@ static PlanCrop crop_of(const AmbRenderParams *params) {
 
 static AmbStatus create_plan(AmbRender *render) {
     const PlanCrop crop = crop_of(&render->params);
-    return plan_create(render->scene, &render->params, &crop, &render->job, &render->plan);
+    return plan_create(render->scene, &render->params, &crop, false, &render->job, &render->plan);
 }
 
 AmbStatus render_explain(AmbScene *scene, const AmbRenderParams *params, char *buffer,
@@ -206,7 +206,7 @@ AmbStatus render_explain(AmbScene *scene, const AmbRenderParams *params, char *b
     AMB_TRY(scene_build(scene, &job));
     const PlanCrop crop = crop_of(params);
     Plan plan;
-    AMB_TRY(plan_create(scene, params, &crop, &job, &plan));
+    AMB_TRY(plan_create(scene, params, &crop, true, &job, &plan));
     report_write_plan(scene, &plan, buffer, size, out_size);
     plan_clear(&plan);
     return AMB_OK;
