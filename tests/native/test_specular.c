@@ -413,8 +413,8 @@ static void coarse_meshes_agree_with_fine_tubes(void) {
         double sum = 0.0, expected = 0.0, frequency = 0.0, difference = 0.0;
         for (int trial = 0; trial < 300; ++trial) {
             const FieldSegment segment = random_chord(&state, body.scene);
-            const FieldRadiance a = field_gather(exact, &segment);
-            const FieldRadiance b = field_gather(tubes, &segment);
+            const FieldRadiance a = field_gather_frequency(exact, &segment);
+            const FieldRadiance b = field_gather_frequency(tubes, &segment);
             sum += (double)a.radiance.g;
             expected += (double)b.radiance.g;
             difference += fabs((double)a.radiance.g - (double)b.radiance.g);

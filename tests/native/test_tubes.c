@@ -170,7 +170,7 @@ static void one_tube_matches_brute_force(void) {
         const Medium medium = test_medium(trial % 2 == 0 ? 0.5f : 3.0f, trial % 3 == 0 ? 0.6f : 0);
         TubeTree tree = build(&tube, 1, 1);
         const FieldRadiance out =
-            tube_gather_portable(&tree, &medium, segment.o, segment.d, segment.length);
+            tube_gather_portable(&tree, &medium, segment.o, segment.d, segment.length, true);
         tube_tree_clear(&tree);
         const double truth = brute_force(&tube, &segment, &medium);
         hits += truth > 0.0;
@@ -203,18 +203,18 @@ static void a_square_of_light_is_exact(void) {
     const double p = 0.4 / (4.0 * PI);
     /* Along x at depth 2 and y = 0.3 from x = -1: lit for 1 < t < 2. */
     const FieldRadiance across =
-        tube_gather_portable(&tree, &medium, vec3(-1, 0.3f, 2), vec3(1, 0, 0), 5.0f);
+        tube_gather_portable(&tree, &medium, vec3(-1, 0.3f, 2), vec3(1, 0, 0), 5.0f, true);
     const double lit = p * exp(-0.7 * 2.0) * (exp(-0.7) - exp(-1.4)) / 0.7;
     ENSURE_NEAR(across.radiance.r, lit, 2e-3 * lit); /* midpoint per chord of both triangles */
     /* The segment ends within the light. */
     const FieldRadiance half =
-        tube_gather_portable(&tree, &medium, vec3(-1, 0.3f, 2), vec3(1, 0, 0), 1.5f);
+        tube_gather_portable(&tree, &medium, vec3(-1, 0.3f, 2), vec3(1, 0, 0), 1.5f, true);
     const double lit_half = p * exp(-0.7 * 2.0) * (exp(-0.7) - exp(-1.05)) / 0.7;
     ENSURE_NEAR(half.radiance.r, lit_half, 2e-3 * lit_half);
     /* Nearly along the light, from inside: int_0^3 of E sigma_s p e^{-sigma_t (1 + 2 t)}. */
     const Vec3 along = vec3_normalize(vec3(1e-3f, 2e-4f, 1));
     const FieldRadiance view =
-        tube_gather_portable(&tree, &medium, vec3(0.3f, 0.4f, 1), along, 3.0f);
+        tube_gather_portable(&tree, &medium, vec3(0.3f, 0.4f, 1), along, 3.0f, true);
     const double deep = p * exp(-0.7) * (1.0 - exp(-4.2)) / 1.4;
     ENSURE_NEAR(view.radiance.r, deep, 3e-3 * deep);
     ENSURE_NEAR(view.contribution, rgb_mean(view.radiance), 0.0);
@@ -233,11 +233,13 @@ static void tree_loses_no_tube(void) {
         const Medium medium = test_medium(0.5f, 0.3f);
         for (int trial = 0; trial < 30; ++trial) {
             const Segment s = random_segment(&state, &tubes[trial % (int)count]);
-            const FieldRadiance all = tube_gather_portable(&tree, &medium, s.o, s.d, s.length);
+            const FieldRadiance all =
+                tube_gather_portable(&tree, &medium, s.o, s.d, s.length, true);
             double sum = 0.0, frequency = 0.0;
             for (uint64_t i = 0; i < count; ++i) {
                 TubeTree one = build(&tubes[i], 1, 1);
-                const FieldRadiance out = tube_gather_portable(&one, &medium, s.o, s.d, s.length);
+                const FieldRadiance out =
+                    tube_gather_portable(&one, &medium, s.o, s.d, s.length, true);
                 sum += (double)out.radiance.r;
                 frequency += (double)out.frequency;
                 tube_tree_clear(&one);
@@ -264,8 +266,8 @@ static void gather_variants_agree_bit_for_bit(void) {
     const Medium medium = test_medium(1.0f, 0.7f);
     for (int trial = 0; trial < 1000; ++trial) {
         const Segment s = random_segment(&state, &tubes[trial]);
-        const FieldRadiance a = tube_gather_portable(&tree, &medium, s.o, s.d, s.length);
-        const FieldRadiance b = tube_gather_avx2(&tree, &medium, s.o, s.d, s.length);
+        const FieldRadiance a = tube_gather_portable(&tree, &medium, s.o, s.d, s.length, true);
+        const FieldRadiance b = tube_gather_avx2(&tree, &medium, s.o, s.d, s.length, true);
         bright += a.contribution > 0.0f;
         different += memcmp(&a, &b, sizeof a) != 0;
     }
@@ -290,8 +292,8 @@ static void avx512_agrees(void) {
     const Medium medium = test_medium(1.0f, 0.7f);
     for (int trial = 0; trial < 1000; ++trial) {
         const Segment s = random_segment(&state, &tubes[trial]);
-        const FieldRadiance a = tube_gather_portable(&tree, &medium, s.o, s.d, s.length);
-        const FieldRadiance b = tube_gather_avx512(&tree, &medium, s.o, s.d, s.length);
+        const FieldRadiance a = tube_gather_portable(&tree, &medium, s.o, s.d, s.length, true);
+        const FieldRadiance b = tube_gather_avx512(&tree, &medium, s.o, s.d, s.length, true);
         total += (double)a.contribution;
         difference += fabs((double)(a.contribution - b.contribution));
         ENSURE_NEAR(b.radiance.g, a.radiance.g, 1e-2 * (double)a.radiance.g);
@@ -420,12 +422,13 @@ static void bent_tubes_are_quartered(void) {
                                 (float)test_uniform(&state, -0.6, 0.3));
             const Vec3 d = vec3_normalize(vec3((float)test_uniform(&state, -0.1, 0.1), 1, 0));
             const double truth =
-                (double)tube_gather_portable(&many, &medium, o, d, 2.0f).contribution;
+                (double)tube_gather_portable(&many, &medium, o, d, 2.0f, true).contribution;
             total += truth;
-            plain +=
-                fabs((double)tube_gather_portable(&one, &medium, o, d, 2.0f).contribution - truth);
-            bent += fabs((double)tube_gather_portable(&adapts, &medium, o, d, 2.0f).contribution -
-                         truth);
+            plain += fabs(
+                (double)tube_gather_portable(&one, &medium, o, d, 2.0f, true).contribution - truth);
+            bent +=
+                fabs((double)tube_gather_portable(&adapts, &medium, o, d, 2.0f, true).contribution -
+                     truth);
         }
         tube_tree_clear(&one);
         tube_tree_clear(&adapts);

@@ -27,14 +27,18 @@ static void pass_medium(Walker *walker, Branch *branch, float length) {
                                      branch->throughput);
     if (walker->field != NULL && medium_scatters(medium) &&
         (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0) {
-        const FieldRadiance gathered = field_gather(walker->field, &segment);
+        const FieldRadiance gathered = walker->has_frequency
+                                           ? field_gather_frequency(walker->field, &segment)
+                                           : field_gather(walker->field, &segment);
         CameraSample *out = walker->out;
         const Rgb single = rgb_mul(branch->throughput, gathered.radiance);
         out->orders[0] = rgb_add(out->orders[0], single);
         walker_note(walker, &branch->way, single);
-        const float weight = rgb_mean(branch->throughput);
-        out->frequency += weight * gathered.frequency;
-        out->contribution += weight * gathered.contribution;
+        if (walker->has_frequency) {
+            const float weight = rgb_mean(branch->throughput);
+            out->frequency += weight * gathered.frequency;
+            out->contribution += weight * gathered.contribution;
+        }
     }
     /* What the walls reflect goes on in the walk of the first stretch. */
     if (branch->way.bounces == 0 && walk_is_wanted(walker->params) && medium_scatters(medium)) {
@@ -153,7 +157,7 @@ static void follow(Walker *walker, Branch branch) {
 
 static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
                                  const CameraObserver *observer, const CameraParams *params,
-                                 uint32_t x, uint32_t y, uint32_t index) {
+                                 uint32_t x, uint32_t y, uint32_t index, bool has_frequency) {
     const uint64_t pixel = (uint64_t)y * params->width + x;
     /* A low-discrepancy sequence, turned for each pixel and replica, covers its area. */
     const Rng pixel_rng = rng_create(params->seed, RNG_STAGE_CAMERA, pixel);
@@ -166,7 +170,8 @@ static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
                      .params = params,
                      .rng = {rng_mix(pixel_rng.key + index + 1)},
                      .out = &sample,
-                     .observer = observer};
+                     .observer = observer,
+                     .has_frequency = has_frequency};
     const Sample2 lens = walker_random2(&walker);
     const CameraRay ray = camera_ray(&scene->camera, ((float)x + jitter.u) / (float)params->width,
                                      ((float)y + jitter.v) / (float)params->height, lens);
@@ -183,11 +188,11 @@ static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
 }
 
 CameraSample camera_sample(const AmbScene *scene, const Field *field, const CameraParams *params,
-                           uint32_t x, uint32_t y, uint32_t index) {
-    return sample_pixel(scene, field, NULL, params, x, y, index);
+                           uint32_t x, uint32_t y, uint32_t index, bool has_frequency) {
+    return sample_pixel(scene, field, NULL, params, x, y, index, has_frequency);
 }
 
 CameraSample camera_observe(const AmbScene *scene, const CameraObserver *observer,
                             const CameraParams *params, uint32_t x, uint32_t y, uint32_t index) {
-    return sample_pixel(scene, NULL, observer, params, x, y, index);
+    return sample_pixel(scene, NULL, observer, params, x, y, index, false);
 }

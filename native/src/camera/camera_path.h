@@ -40,8 +40,8 @@ typedef struct CameraSample {
     float parts[CAMERA_PART_COUNT]; /* of all this, mean of channels; they overlap */
     float alpha;
     float depth;         /* along the view axis, m; CAMERA_DEPTH_NONE where nothing is seen */
-    float frequency;     /* sum of contribution * frequency factor */
-    float contribution;  /* sum of contributions (mean of channels) */
+    float frequency;     /* sum of contribution * frequency factor, where that is wanted */
+    float contribution;  /* sum of contributions (mean of channels), likewise */
     uint32_t leak_count; /* segments that left an object through a hole of its mesh */
     bool is_object;      /* the primary ray hits a translucent object */
 } CameraSample;
@@ -59,9 +59,10 @@ static inline Rgb camera_sample_sum(const CameraSample *sample) {
 /* Radiance of sample `index` of pixel (x, y), y = 0 at the bottom, box filter. field may be NULL:
  * nothing scatters. At each dielectric boundary both the reflected and the refracted branch are
  * followed; radiance is divided by the square of the index entered, so that L / n^2 is kept.
+ * Without has_frequency the sample does not tell frequencies, which takes time.
  * Deterministic in (seed, x, y, index). Any thread. */
 CameraSample camera_sample(const AmbScene *scene, const Field *field, const CameraParams *params,
-                           uint32_t x, uint32_t y, uint32_t index);
+                           uint32_t x, uint32_t y, uint32_t index, bool has_frequency);
 
 /* What light needs so that it is seen along a branch of a camera path. */
 typedef struct CameraWay {

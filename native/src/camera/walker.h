@@ -18,6 +18,7 @@ typedef struct Walker {
     CameraSample *out;
     const CameraObserver *observer; /* NULL: what is seen is summed up in out */
     CameraWay way;                  /* of a walk's beginning */
+    bool has_frequency;             /* see camera_sample */
 } Walker;
 
 /* Notes which effects radiance along a way owes itself to. */

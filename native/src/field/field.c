@@ -120,10 +120,11 @@ void field_destroy(Field *field) {
     memory_free(field);
 }
 
-static FieldRadiance gather(const Field *field, const FieldSegment *segment) {
+static FieldRadiance gather(const Field *field, const FieldSegment *segment, bool has_frequency) {
     const uint32_t o = segment->object;
     if (field->tubes != NULL && field->tubes[o].tube_count > 0)
-        return tubes_gather(&field->tubes[o], segment->o, segment->d, segment->length);
+        return tubes_gather(&field->tubes[o], segment->o, segment->d, segment->length,
+                            has_frequency);
     if (field->specular != NULL && field->specular[o].tree.cell_count > 0)
         return specular_gather(&field->specular[o], segment->o, segment->d, segment->length);
     if (field->clouds != NULL && field->clouds[o].sample_count > 0)
@@ -131,12 +132,21 @@ static FieldRadiance gather(const Field *field, const FieldSegment *segment) {
     return (FieldRadiance){.radiance = {0, 0, 0}};
 }
 
-FieldRadiance field_gather(const Field *field, const FieldSegment *segment) {
-    const FieldRadiance sum = gather(field, segment);
+static FieldRadiance gather_finite(const Field *field, const FieldSegment *segment,
+                                   bool has_frequency) {
+    const FieldRadiance sum = gather(field, segment, has_frequency);
     if (rgb_is_finite(sum.radiance) && isfinite(sum.frequency) && isfinite(sum.contribution))
         return sum;
     atomic_fetch_add(&field->nonfinite[segment->object], 1);
     return (FieldRadiance){.radiance = {0, 0, 0}};
+}
+
+FieldRadiance field_gather(const Field *field, const FieldSegment *segment) {
+    return gather_finite(field, segment, false);
+}
+
+FieldRadiance field_gather_frequency(const Field *field, const FieldSegment *segment) {
+    return gather_finite(field, segment, true);
 }
 
 uint64_t field_nonfinite(const Field *field, uint32_t object) {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
  * Eight floats side by side. Arithmetic and comparisons are the compiler's vector extension; what
  * it lacks in C is written here, once with AVX2 and once in portable C with the same results bit
- * for bit. */
+ * for bit. Sixteen with AVX-512, where the unit that includes this asks for AMB_LANES_16. */
 #ifndef AMB_MATH_LANES_H
 #define AMB_MATH_LANES_H
 
@@ -13,10 +13,17 @@
 #include <immintrin.h>
 #endif
 
+#if defined(AMB_LANES_16)
+enum { LANE_COUNT = 16, LANES_ALL = 0xFFFF };
+
+typedef float Lanes __attribute__((vector_size(64)));
+typedef int32_t LaneMask __attribute__((vector_size(64))); /* -1 where true */
+#else
 enum { LANE_COUNT = 8, LANES_ALL = 0xFF };
 
 typedef float Lanes __attribute__((vector_size(32)));
 typedef int32_t LaneMask __attribute__((vector_size(32))); /* -1 where true */
+#endif
 
 static inline Lanes lanes_load(const float v[LANE_COUNT]) {
     Lanes lanes;
@@ -29,12 +36,29 @@ static inline void lanes_store(float out[LANE_COUNT], Lanes v) {
 }
 
 static inline Lanes lanes_set(float v) {
+#if defined(AMB_LANES_16)
+    return (Lanes)_mm512_set1_ps(v);
+#else
     return (Lanes){v, v, v, v, v, v, v, v};
+#endif
+}
+
+/* Eight of a, and eight of b behind them where there is room. */
+static inline Lanes lanes_load_two(const float a[8], const float b[8]) {
+#if defined(AMB_LANES_16)
+    return (Lanes)_mm512_insertf32x8(_mm512_castps256_ps512(_mm256_loadu_ps(a)), _mm256_loadu_ps(b),
+                                     1);
+#else
+    (void)b;
+    return lanes_load(a);
+#endif
 }
 
 /* a < b ? a : b, so b where either is not a number. */
 static inline Lanes lanes_min(Lanes a, Lanes b) {
-#if defined(__AVX2__)
+#if defined(AMB_LANES_16)
+    return (Lanes)_mm512_min_ps((__m512)a, (__m512)b);
+#elif defined(__AVX2__)
     return (Lanes)_mm256_min_ps((__m256)a, (__m256)b);
 #else
     for (int i = 0; i < LANE_COUNT; ++i)
@@ -45,7 +69,9 @@ static inline Lanes lanes_min(Lanes a, Lanes b) {
 
 /* a > b ? a : b, so b where either is not a number. */
 static inline Lanes lanes_max(Lanes a, Lanes b) {
-#if defined(__AVX2__)
+#if defined(AMB_LANES_16)
+    return (Lanes)_mm512_max_ps((__m512)a, (__m512)b);
+#elif defined(__AVX2__)
     return (Lanes)_mm256_max_ps((__m256)a, (__m256)b);
 #else
     for (int i = 0; i < LANE_COUNT; ++i)
@@ -55,7 +81,9 @@ static inline Lanes lanes_max(Lanes a, Lanes b) {
 }
 
 static inline Lanes lanes_sqrt(Lanes a) {
-#if defined(__AVX2__)
+#if defined(AMB_LANES_16)
+    return (Lanes)_mm512_sqrt_ps((__m512)a);
+#elif defined(__AVX2__)
     return (Lanes)_mm256_sqrt_ps((__m256)a);
 #else
     for (int i = 0; i < LANE_COUNT; ++i)
@@ -76,7 +104,9 @@ static inline Lanes lanes_sign(Lanes a) {
 
 /* Bit i is set where lane i of the mask is. */
 static inline uint32_t lanes_bits(LaneMask mask) {
-#if defined(__AVX2__)
+#if defined(AMB_LANES_16)
+    return (uint32_t)_mm512_movepi32_mask((__m512i)mask);
+#elif defined(__AVX2__)
     return (uint32_t)_mm256_movemask_ps((__m256)mask);
 #else
     uint32_t bits = 0;
@@ -109,14 +139,14 @@ static const uint64_t LANES_ORDERS[256] = {LANES_ORDER64(0), LANES_ORDER64(64), 
 /* Which lanes to keep, prepared for lanes_pack. */
 typedef struct LanePack {
     uint32_t bits;
-#if defined(__AVX2__)
+#if defined(__AVX2__) && !defined(AMB_LANES_16)
     __m256i order;
 #endif
 } LanePack;
 
 static inline LanePack lanes_pack_for(uint32_t bits) {
     LanePack pack = {.bits = bits};
-#if defined(__AVX2__)
+#if defined(__AVX2__) && !defined(AMB_LANES_16)
     pack.order = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((long long)LANES_ORDERS[bits]));
 #endif
     return pack;
@@ -124,7 +154,9 @@ static inline LanePack lanes_pack_for(uint32_t bits) {
 
 /* The kept lanes side by side, then zeros or others. */
 static inline Lanes lanes_packed(Lanes v, const LanePack *pack) {
-#if defined(__AVX2__)
+#if defined(AMB_LANES_16)
+    return (Lanes)_mm512_maskz_compress_ps((__mmask16)pack->bits, (__m512)v);
+#elif defined(__AVX2__)
     return (Lanes)_mm256_permutevar8x32_ps((__m256)v, pack->order);
 #else
     Lanes out = lanes_set(0.0f);
@@ -135,15 +167,17 @@ static inline Lanes lanes_packed(Lanes v, const LanePack *pack) {
 #endif
 }
 
-/* Writes the kept lanes side by side; out must have room for eight floats, and what follows the
- * kept ones there is undefined. */
+/* Writes the kept lanes side by side; out must have room for all lanes, and what follows the kept
+ * ones there is undefined. */
 static inline void lanes_pack(float *out, Lanes v, const LanePack *pack) {
     lanes_store(out, lanes_packed(v, pack));
 }
 
-/* table[index[i]] for each lane, index in 0 .. 15. */
-static inline Lanes lanes_lookup(const float table[2 * LANE_COUNT], LaneMask index) {
-#if defined(__AVX512VL__)
+/* table[index[i] modulo 16] for each lane. */
+static inline Lanes lanes_lookup(const float table[16], LaneMask index) {
+#if defined(AMB_LANES_16)
+    return (Lanes)_mm512_permutexvar_ps((__m512i)index, _mm512_loadu_ps(table));
+#elif defined(__AVX512VL__)
     return (Lanes)_mm256_permutex2var_ps(_mm256_loadu_ps(table), (__m256i)index,
                                          _mm256_loadu_ps(table + LANE_COUNT));
 #elif defined(__AVX2__)
@@ -154,41 +188,64 @@ static inline Lanes lanes_lookup(const float table[2 * LANE_COUNT], LaneMask ind
 #else
     Lanes out;
     for (int i = 0; i < LANE_COUNT; ++i)
-        out[i] = table[index[i]];
+        out[i] = table[index[i] & 15];
     return out;
 #endif
 }
 
-/* Element i of vector k becomes element k of vector i. */
-static inline void lanes_transpose(Lanes v[LANE_COUNT]) {
-#if defined(__AVX2__)
-    __m256 a[LANE_COUNT], b[LANE_COUNT];
-    for (int i = 0; i < LANE_COUNT; i += 2) {
-        a[i] = _mm256_unpacklo_ps((__m256)v[i], (__m256)v[i + 1]);
-        a[i + 1] = _mm256_unpackhi_ps((__m256)v[i], (__m256)v[i + 1]);
+/* Element i of rows[k] becomes element k of vector i. */
+static inline void lanes_load_rows(const float *const rows[LANE_COUNT], Lanes out[8]) {
+#if defined(AMB_LANES_16)
+    __m512 a[8], b[8];
+    for (int i = 0; i < 8; i += 2) {
+        const __m512 v = (__m512)lanes_load_two(rows[i], rows[i + 8]);
+        const __m512 w = (__m512)lanes_load_two(rows[i + 1], rows[i + 9]);
+        a[i] = _mm512_unpacklo_ps(v, w);
+        a[i + 1] = _mm512_unpackhi_ps(v, w);
     }
-    for (int i = 0; i < LANE_COUNT; i += 4)
+    for (int i = 0; i < 8; i += 4)
+        for (int k = 0; k < 2; ++k) {
+            b[i + 2 * k] = _mm512_shuffle_ps(a[i + k], a[i + k + 2], 0x44);
+            b[i + 2 * k + 1] = _mm512_shuffle_ps(a[i + k], a[i + k + 2], 0xEE);
+        }
+    /* Four numbers of rows 0, 8 and 4, 12 each; in halves of 64 bits. */
+    const __m512i low = _mm512_setr_epi64(0, 1, 8, 9, 4, 5, 12, 13);
+    const __m512i high = _mm512_setr_epi64(2, 3, 10, 11, 6, 7, 14, 15);
+    for (int i = 0; i < 4; ++i) {
+        const __m512d v = _mm512_castps_pd(b[i]), w = _mm512_castps_pd(b[i + 4]);
+        out[i] = (Lanes)_mm512_castpd_ps(_mm512_permutex2var_pd(v, low, w));
+        out[i + 4] = (Lanes)_mm512_castpd_ps(_mm512_permutex2var_pd(v, high, w));
+    }
+#elif defined(__AVX2__)
+    __m256 a[8], b[8];
+    for (int i = 0; i < 8; i += 2) {
+        const __m256 v = _mm256_loadu_ps(rows[i]), w = _mm256_loadu_ps(rows[i + 1]);
+        a[i] = _mm256_unpacklo_ps(v, w);
+        a[i + 1] = _mm256_unpackhi_ps(v, w);
+    }
+    for (int i = 0; i < 8; i += 4)
         for (int k = 0; k < 2; ++k) {
             b[i + 2 * k] = _mm256_shuffle_ps(a[i + k], a[i + k + 2], 0x44);
             b[i + 2 * k + 1] = _mm256_shuffle_ps(a[i + k], a[i + k + 2], 0xEE);
         }
     for (int i = 0; i < 4; ++i) {
-        v[i] = (Lanes)_mm256_permute2f128_ps(b[i], b[i + 4], 0x20);
-        v[i + 4] = (Lanes)_mm256_permute2f128_ps(b[i], b[i + 4], 0x31);
+        out[i] = (Lanes)_mm256_permute2f128_ps(b[i], b[i + 4], 0x20);
+        out[i + 4] = (Lanes)_mm256_permute2f128_ps(b[i], b[i + 4], 0x31);
     }
 #else
     for (int i = 0; i < LANE_COUNT; ++i)
-        for (int k = 0; k < i; ++k) {
-            const float swap = v[i][k];
-            v[i][k] = v[k][i];
-            v[k][i] = swap;
-        }
+        for (int k = 0; k < 8; ++k)
+            out[k][i] = rows[i][k];
 #endif
 }
 
 /* Bit i is set where word i has bits in common with a and with b. */
-static inline uint32_t words_meeting(const uint16_t words[2 * LANE_COUNT], uint32_t a, uint32_t b) {
-#if defined(__AVX2__)
+static inline uint32_t words_meeting(const uint16_t words[16], uint32_t a, uint32_t b) {
+#if defined(AMB_LANES_16)
+    const __m256i v = _mm256_loadu_si256((const __m256i *)words);
+    return _mm256_test_epi16_mask(v, _mm256_set1_epi16((short)a)) &
+           (uint32_t)_mm256_test_epi16_mask(v, _mm256_set1_epi16((short)b));
+#elif defined(__AVX2__)
     const __m256i v = _mm256_loadu_si256((const __m256i *)words), zero = _mm256_setzero_si256();
     const __m256i no_a = _mm256_cmpeq_epi16(_mm256_and_si256(v, _mm256_set1_epi16((short)a)), zero);
     const __m256i no_b = _mm256_cmpeq_epi16(_mm256_and_si256(v, _mm256_set1_epi16((short)b)), zero);
@@ -198,21 +255,44 @@ static inline uint32_t words_meeting(const uint16_t words[2 * LANE_COUNT], uint3
     return ~(uint32_t)_mm_movemask_epi8(bytes) & 0xFFFFu;
 #else
     uint32_t bits = 0;
-    for (int i = 0; i < 2 * LANE_COUNT; ++i)
+    for (int i = 0; i < 16; ++i)
         bits |= (uint32_t)((words[i] & a) != 0 && (words[i] & b) != 0) << i;
     return bits;
 #endif
 }
 
-/* Sixteen numbers below 16, a byte each. In registers: what is read soon after it was written in
- * other pieces waits for memory. */
-typedef struct ByteList {
-    uint64_t bytes[2];
-} ByteList;
+/* The bits set among sixteen, to be taken as many at a time as there are lanes. */
+#if defined(AMB_LANES_16)
+typedef struct BitList {
+    uint32_t bits;
+} BitList;
 
-/* The numbers of the bits set, 0 .. 15, in ascending order, then others. */
-static inline ByteList list_bits(uint32_t bits) {
-    ByteList list;
+static inline BitList list_bits(uint32_t bits) {
+    return (BitList){bits};
+}
+
+/* Which lanes hold one of them, from number `first` on. Here all sit in lanes of their own. */
+static inline uint32_t list_lanes(const BitList *list, uint32_t count, uint32_t first) {
+    (void)count;
+    (void)first;
+    return list->bits;
+}
+
+/* table[bit] for each lane. */
+static inline LaneMask list_lookup(const BitList *list, uint32_t first, const uint8_t table[16]) {
+    (void)list;
+    (void)first;
+    return (LaneMask)_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i *)table));
+}
+#else
+/* Their numbers in ascending order, a byte each, then others. In registers: what is read soon
+ * after it was written in other pieces waits for memory. */
+typedef struct BitList {
+    uint64_t bytes[2];
+} BitList;
+
+static inline BitList list_bits(uint32_t bits) {
+    BitList list;
 #if defined(__AVX2__)
     const uint64_t low = LANES_ORDERS[bits & 0xFF];
     const uint64_t high = LANES_ORDERS[bits >> 8] | UINT64_C(0x0808080808080808);
@@ -221,7 +301,7 @@ static inline ByteList list_bits(uint32_t bits) {
     list.bytes[0] = low | high << used << used;
     list.bytes[1] = high >> (32 - used) >> (32 - used);
 #else
-    uint8_t bytes[2 * LANE_COUNT] = {0};
+    uint8_t bytes[16] = {0};
     for (int count = 0; bits != 0; bits &= bits - 1)
         bytes[count++] = (uint8_t)__builtin_ctz(bits);
     memcpy(list.bytes, bytes, sizeof bytes);
@@ -229,8 +309,15 @@ static inline ByteList list_bits(uint32_t bits) {
     return list;
 }
 
-/* table[index] for each of eight indices, a byte each. */
-static inline LaneMask lanes_lookup_bytes(const uint8_t table[2 * LANE_COUNT], uint64_t index) {
+/* Which lanes hold one of them, from number `first` on. */
+static inline uint32_t list_lanes(const BitList *list, uint32_t count, uint32_t first) {
+    (void)list;
+    return count - first < LANE_COUNT ? (1u << (count - first)) - 1u : LANES_ALL;
+}
+
+/* table[bit] for each lane. */
+static inline LaneMask list_lookup(const BitList *list, uint32_t first, const uint8_t table[16]) {
+    const uint64_t index = list->bytes[first / LANE_COUNT];
 #if defined(__AVX2__)
     const __m128i found = _mm_shuffle_epi8(_mm_loadu_si128((const __m128i *)table),
                                            _mm_cvtsi64_si128((long long)index));
@@ -244,6 +331,7 @@ static inline LaneMask lanes_lookup_bytes(const uint8_t table[2 * LANE_COUNT], u
     return out;
 #endif
 }
+#endif
 
 static inline void lanes_pack_numbers(uint32_t *out, LaneMask v, const LanePack *pack) {
     const Lanes packed = lanes_packed((Lanes)v, pack);
@@ -252,13 +340,17 @@ static inline void lanes_pack_numbers(uint32_t *out, LaneMask v, const LanePack 
 
 /* True in lanes 0 .. count - 1. */
 static inline LaneMask lanes_below(uint32_t count) {
+#if defined(AMB_LANES_16)
+    const LaneMask number = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+#else
     const LaneMask number = {0, 1, 2, 3, 4, 5, 6, 7};
+#endif
     return number < (int32_t)count;
 }
 
-/* Writes first + i for each bit i set, in ascending order; out must have room for eight, and what
- * follows those written is undefined. */
-static inline void lanes_store_numbers(uint32_t out[LANE_COUNT], uint32_t first, uint32_t bits) {
+/* Writes first + i for each of eight bits that is set, in ascending order; out must have room for
+ * eight, and what follows those written is undefined. */
+static inline void lanes_store_numbers(uint32_t out[8], uint32_t first, uint32_t bits) {
 #if defined(__AVX2__)
     const __m256i order = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((long long)LANES_ORDERS[bits]));
     _mm256_storeu_si256((__m256i *)out, _mm256_add_epi32(order, _mm256_set1_epi32((int)first)));
@@ -287,7 +379,11 @@ static inline Lanes lanes_exp_negative(Lanes x) {
 
 /* Sum in a fixed order. */
 static inline float lanes_sum(Lanes v) {
+#if defined(AMB_LANES_16)
+    return _mm512_reduce_add_ps((__m512)v);
+#else
     return ((v[0] + v[1]) + (v[2] + v[3])) + ((v[4] + v[5]) + (v[6] + v[7]));
+#endif
 }
 
 #endif

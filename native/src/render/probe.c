@@ -73,8 +73,8 @@ static AmbStatus probe_block(const ProbePass *pass, uint64_t index, ProbePixel *
     for (uint32_t i = 0; i < count; ++i) {
         if (job_is_cancelled(pass->job))
             return AMB_CANCELLED;
-        const CameraSample sample =
-            camera_sample(pass->scene, pass->field, pass->camera, pass->x + x, pass->y + y, i);
+        const CameraSample sample = camera_sample(pass->scene, pass->field, pass->camera,
+                                                  pass->x + x, pass->y + y, i, false);
         const Rgb radiance = camera_sample_sum(&sample);
         if (rgb_is_finite(radiance))
             out_pixel->halves[i % 2] = rgb_add(out_pixel->halves[i % 2], radiance);

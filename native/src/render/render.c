@@ -60,8 +60,11 @@ static AmbStatus render_pixel(const Round *round, uint32_t x, uint32_t y, uint32
     for (uint32_t i = first; i < first + count; ++i) {
         if (job_is_cancelled(&render->job))
             return AMB_CANCELLED;
-        const CameraSample sample = camera_sample(render->scene, round->field, &render->plan.camera,
-                                                  render->crop_x + x, render->crop_y + y, i);
+        /* The first that sees any light speaks for the pixel. */
+        const bool has_frequency = !(sum.contribution > 0.0f);
+        const CameraSample sample =
+            camera_sample(render->scene, round->field, &render->plan.camera, render->crop_x + x,
+                          render->crop_y + y, i, has_frequency);
         for (int k = 0; k < CAMERA_ORDER_COUNT; ++k)
             sum.orders[k] = rgb_add(sum.orders[k], sample.orders[k]);
         sum.surface = rgb_add(sum.surface, sample.surface);

@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * The inner loop of the tubes, eight of them at a time. Built once for each instruction set, with
- * AMB_TUBE_GATHER set to the name of the variant. */
+ * The inner loop of the tubes, eight of them at a time, sixteen with AVX-512. Built once for each
+ * instruction set, with AMB_TUBE_GATHER set to the name of the variant. */
 #include "field/tubes/tube_gather.h"
+
+#include <stddef.h>
 
 #include "math/lanes.h"
 #include "optics/medium_lanes.h"
@@ -10,11 +12,16 @@
 #error "AMB_TUBE_GATHER names the variant"
 #endif
 
-_Static_assert((int)TUBE_LANES == (int)LANE_COUNT, "the children of a node fill one vector");
-_Static_assert((int)PATCH_CORNERS == 2 * (int)LANE_COUNT, "lookups choose among two vectors");
-_Static_assert((int)PATCH_TUBES == 2 * (int)LANE_COUNT, "and so do lists of tubes");
+enum {
+    NODES = LANE_COUNT / TUBE_LANES, /* looked at together */
+    HALVES = PATCH_CORNERS / LANE_COUNT,
+    /* Of each level wait, at most, the children of as many nodes as were looked at together. */
+    STACK_MAX = (TUBE_LEVEL_MAX + 1) * NODES * TUBE_LANES
+};
 
-enum { STACK_MAX = TUBE_LEVEL_MAX * (LANE_COUNT - 1) + 1 + LANE_COUNT };
+_Static_assert((int)TUBE_LANES == 8, "numbers of children are stored by eight");
+_Static_assert((int)PATCH_CORNERS == 16, "lookups choose among sixteen");
+_Static_assert((int)PATCH_TUBES == 16, "and so do lists of tubes");
 
 /* sin^2 between a light line and the camera ray below which they count as parallel: their meeting
  * point is then known to no digit, and a smaller number would overflow. */
@@ -31,6 +38,7 @@ typedef struct Query {
     float moment[3]; /* o x d */
     float inverse[3];
     float near, far;
+    bool has_frequency;
 } Query;
 
 typedef struct Sums {
@@ -75,24 +83,31 @@ static inline Lanes abs_lanes(Lanes v) {
     return lanes_max(v, -v);
 }
 
-/* Bit i is set where the segment may meet light of child i. */
-static inline uint32_t children_hit(const TubeNode *node, const Query *q) {
+/* Children of a node that the line of the ray meets, above which places are looked at, too. */
+enum { MANY_LINES = 4 };
+
+/* Bit i is set where the segment may meet light of child i of node a, bit 8 + i of node b. */
+static inline uint32_t children_hit(const TubeNode *a, const TubeNode *b, const Query *q) {
     const float line[6] = {q->d.x, q->d.y, q->d.z, q->moment[0], q->moment[1], q->moment[2]};
     Lanes middle = lanes_set(0.0f), reach = lanes_set(0.0f);
-    for (int a = 0; a < 6; ++a) {
-        middle += line[a] * lanes_load(node->middle[a]);
-        reach += fabsf(line[a]) * lanes_load(node->extent[a]);
+    for (int i = 0; i < 6; ++i) {
+        middle += line[i] * lanes_load_two(a->middle[i], b->middle[i]);
+        reach += fabsf(line[i]) * lanes_load_two(a->extent[i], b->extent[i]);
     }
     LaneMask lines = abs_lanes(middle) <= reach;
     if (lanes_bits(lines) == 0)
         return 0;
+    /* Where view and light are not near each other lines alone tell nearly all. */
+    if (__builtin_popcount(lanes_bits(lines)) <= NODES * MANY_LINES)
+        return lanes_bits(lines);
     LaneMask places = lines ^ lines;
     for (int k = 0; k < TUBE_QUARTERS; ++k) {
         Lanes near = lanes_set(q->near), far = lanes_set(q->far);
         const float o[3] = {q->o.x, q->o.y, q->o.z};
-        for (int a = 0; a < 3; ++a) {
-            const Lanes t0 = (lanes_load(node->low[k][a]) - o[a]) * q->inverse[a];
-            const Lanes t1 = (lanes_load(node->high[k][a]) - o[a]) * q->inverse[a];
+        for (int i = 0; i < 3; ++i) {
+            const Lanes low = lanes_load_two(a->low[k][i], b->low[k][i]);
+            const Lanes high = lanes_load_two(a->high[k][i], b->high[k][i]);
+            const Lanes t0 = (low - o[i]) * q->inverse[i], t1 = (high - o[i]) * q->inverse[i];
             near = lanes_max(near, lanes_min(t0, t1));
             far = lanes_min(far, lanes_max(t0, t1));
         }
@@ -179,17 +194,20 @@ typedef struct Tubes {
 
 /* Tubes wait for others, because vectors are best full. */
 enum {
-    QUEUE_FULL = 4 * LANE_COUNT,
-    CROSSED_ROOM = QUEUE_FULL + 2 * LANE_COUNT, /* one patch more, written eight at a time */
-    /* What quartering adds, see empty_queues. Not a power of two: rows would displace each other
-     * from the cache. */
-    LOOSE_ROOM = 344
+    QUEUE_FULL = 32,
+    CROSSED_ROOM = QUEUE_FULL + PATCH_TUBES + LANE_COUNT, /* one patch more, written by vectors */
+    /* One patch more, then what quartering adds to each level (see empty_queues), and the next four
+     * parts as they are written. */
+    LOOSE_ROOM = QUEUE_FULL + PATCH_TUBES + 3 * LANE_COUNT * 10 + 5 * LANE_COUNT
 };
+/* Rows must not displace each other from the cache. */
+_Static_assert(LOOSE_ROOM % 256 != 0, "rows lie a power of two apart");
 
-/* Tubes of patches that the zero curve crosses, their first corner the one on the other side of it:
- * the numbers of the corners among those of all patches, and f there. */
+/* Tubes of patches that the zero curve crosses: their patches, the numbers of their corners there,
+ * four bits each, and f at them. */
 typedef struct CrossedQueue {
-    uint32_t corners[3][CROSSED_ROOM];
+    uint32_t patches[CROSSED_ROOM];
+    uint32_t corners[CROSSED_ROOM];
     float f[3][CROSSED_ROOM];
     uint32_t count;
 } CrossedQueue;
@@ -212,7 +230,7 @@ enum { LEVEL_MAX = 7, TURN_LEVEL_MAX = 10 };
  * edge: 4/3 in the triangle's middle if it is quadratic. */
 static const float BULGE = 4.0f / 3.0f;
 
-/* From the end of the queue, eight or what there is; other lanes are zero. */
+/* From the end of the queue, a vector or what there is; other lanes are zero. */
 static inline uint32_t take_loose(LooseQueue *queue, Tubes *out) {
     const uint32_t count = queue->count < LANE_COUNT ? queue->count : LANE_COUNT;
     queue->count -= count;
@@ -242,32 +260,32 @@ static inline void add_loose(const Tubes *tubes, uint32_t bits, LooseQueue *queu
     queue->count = end + (uint32_t)__builtin_popcount(bits);
 }
 
-/* Corners of eight tubes by their numbers among all patches. */
-static inline void load_corners(const TubeTree *tree, const uint32_t numbers[LANE_COUNT],
-                                Lanes rows[CORNER_ROWS]) {
-    float starts[LANE_COUNT];
-    for (int i = 0; i < LANE_COUNT; ++i) {
-        const TubePatch *patch = &tree->patches[numbers[i] / PATCH_CORNERS];
-        rows[i] = lanes_load(patch->corners[numbers[i] % PATCH_CORNERS]);
-        starts[i] = patch->starts[numbers[i] % PATCH_CORNERS];
-    }
-    lanes_transpose(rows);
-    rows[ROW_START] = lanes_load(starts);
-    rows[ROW_NORMAL_LENGTH] = lanes_set(1.0f);
-}
+/* Patches as rows of eight numbers, of which a corner is one. */
+enum {
+    ROW_BYTES = CORNER_SIZE * sizeof(float),
+    PATCH_ROWS = sizeof(TubePatch) / ROW_BYTES,
+    FIRST_ROW = offsetof(TubePatch, corners) / ROW_BYTES
+};
+_Static_assert(sizeof(TubePatch) % ROW_BYTES == 0, "a patch is so many rows");
+_Static_assert(offsetof(TubePatch, corners) % ROW_BYTES == 0, "and its corners are some of them");
 
-static inline uint32_t take_crossed(const TubeTree *tree, CrossedQueue *queue, Tubes *out) {
-    const uint32_t count = queue->count < LANE_COUNT ? queue->count : LANE_COUNT;
-    queue->count -= count;
-    for (int k = 0; k < 3; ++k) {
-        for (uint32_t i = queue->count + count; i < queue->count + LANE_COUNT; ++i) {
-            queue->corners[k][i] = 0;
-            queue->f[k][i] = 0.0f;
-        }
-        load_corners(tree, queue->corners[k] + queue->count, out->rows[k]);
-        out->f[k] = lanes_load(queue->f[k] + queue->count);
-    }
-    return count;
+/* A corner of each tube. */
+static inline void load_corners(const TubeTree *tree, LaneMask patches, LaneMask corners,
+                                Lanes rows[CORNER_ROWS]) {
+    const LaneMask numbers = patches * PATCH_ROWS + FIRST_ROW + corners;
+    uint32_t row[LANE_COUNT];
+    memcpy(row, &numbers, sizeof row);
+    /* Through memory: the compiler would take the vector apart, which costs more. */
+    __asm__("" : "+m"(row));
+    const float *from[LANE_COUNT];
+    for (int i = 0; i < LANE_COUNT; ++i)
+        from[i] = (const float *)tree->patches + (size_t)row[i] * CORNER_SIZE;
+    lanes_load_rows(from, rows);
+    rows[ROW_START] = lanes_set(0.0f);
+    if (tree->light.value == TUBE_VALUE_IS_FLUX) /* reflected: there is a way before */
+        for (int i = 0; i < LANE_COUNT; ++i)
+            rows[ROW_START][i] = tree->patches[patches[i]].starts[corners[i]];
+    rows[ROW_NORMAL_LENGTH] = lanes_set(1.0f);
 }
 
 static inline Lanes3 row3(const Tubes *tubes, int corner, int r) {
@@ -308,6 +326,34 @@ static inline Lanes turn(const Odd *odd, int k, Lanes v0, Lanes v1, Lanes v2) {
                         lanes_select(odd->is_second, v[(k + 1) % 3], v[(k + 2) % 3]));
 }
 
+static inline LaneMask load_numbers(const uint32_t numbers[LANE_COUNT]) {
+    LaneMask lanes;
+    memcpy(&lanes, numbers, sizeof lanes);
+    return lanes;
+}
+
+/* From the end of the queue, a vector or what there is, odd corners first; f of other lanes is
+ * zero. */
+static inline void take_crossed(const TubeTree *tree, CrossedQueue *queue, Tubes *out) {
+    const uint32_t count = queue->count < LANE_COUNT ? queue->count : LANE_COUNT;
+    queue->count -= count;
+    const LaneMask is_there = lanes_below(count);
+    const LaneMask patches = load_numbers(queue->patches + queue->count) & is_there;
+    const LaneMask packed = load_numbers(queue->corners + queue->count) & is_there;
+    Lanes f[3];
+    for (int k = 0; k < 3; ++k)
+        f[k] = (Lanes)((LaneMask)lanes_load(queue->f[k] + queue->count) & is_there);
+    const Odd odd = odd_corner(f);
+    const Lanes corners[3] = {(Lanes)(packed & 15), (Lanes)(packed >> 4 & 15),
+                              (Lanes)(packed >> 8)};
+#pragma GCC unroll 3
+    for (int k = 0; k < 3; ++k) {
+        const Lanes corner = turn(&odd, k, corners[0], corners[1], corners[2]);
+        load_corners(tree, patches, (LaneMask)corner, out->rows[k]);
+        out->f[k] = turn(&odd, k, f[0], f[1], f[2]);
+    }
+}
+
 /* Puts the odd corner first. */
 static inline void turn_tubes(const Tubes *tubes, Tubes *out) {
     const Odd odd = odd_corner(tubes->f);
@@ -322,7 +368,7 @@ static inline void turn_tubes(const Tubes *tubes, Tubes *out) {
 
 /* Patches that the segment may meet, and those of them with tubes that the curve may touch. What
  * is found next depends on no branch: a wrong guess would cost more than the work. */
-enum { PATCHES_FULL = 64, PATCHES_ROOM = PATCHES_FULL + LANE_COUNT };
+enum { PATCHES_FULL = 64, PATCHES_ROOM = PATCHES_FULL + (NODES + 1) * TUBE_LANES };
 typedef struct Patches {
     uint32_t found[PATCHES_ROOM], found_count;
     uint32_t touched[PATCHES_ROOM], touched_count;
@@ -345,17 +391,18 @@ static const float TURN_SPREADS = 2.0f;
 
 /* f at the corners of a patch whose light runs nearly along the ray, whether it may turn over, and
  * whether all light of a tube is parallel to the ray. */
-static inline void near_parallel_f(const TubePatch *patch, const Query *q, Lanes out[2],
+static inline void near_parallel_f(const TubePatch *patch, const Query *q, Lanes out[HALVES],
                                    bool *out_may_turn, bool *is_parallel) {
     const Lanes3 d = set3(q->d), o = set3(q->o);
     const Vec3 first = vec3_from(patch->corners[0] + CORNER_W);
     Lanes least = lanes_set(1.0f), most = lanes_set(0.0f);
     uint32_t parallel = 0;
-    for (int h = 0; h < 2; ++h) {
+    for (int h = 0; h < HALVES; ++h) {
         Lanes rows[CORNER_SIZE];
+        const float *corners[LANE_COUNT];
         for (int i = 0; i < LANE_COUNT; ++i)
-            rows[i] = lanes_load(patch->corners[h * LANE_COUNT + i]);
-        lanes_transpose(rows);
+            corners[i] = patch->corners[h * LANE_COUNT + i];
+        lanes_load_rows(corners, rows);
         const Lanes3 x = {rows[CORNER_X], rows[CORNER_X + 1], rows[CORNER_X + 2]};
         const Lanes3 w = {rows[CORNER_W], rows[CORNER_W + 1], rows[CORNER_W + 2]};
         out[h] = line_f(cross3(d, sub3(x, o)), w, d);
@@ -391,27 +438,27 @@ static inline void touch_patches(const TubeTree *tree, const Query *q, Patches *
         /* Set by lanes_store_numbers, for as many as are counted. */
         const uint32_t p = patches->found[i]; /* NOLINT(clang-analyzer-core.*) */
         const TubePatch *patch = &tree->patches[p];
-        Lanes values[2];
+        Lanes values[HALVES];
         patches->may_turn[touched] = false;
         if (fabsf(vec3_dot(vec3_from(patch->corners[0] + CORNER_W), q->d)) > PARALLEL_COS) {
             near_parallel_f(patch, q, values, &patches->may_turn[touched], &patches->is_parallel);
         } else {
-            for (int h = 0; h < 2; ++h) {
+            for (int h = 0; h < HALVES; ++h) {
                 values[h] = lanes_set(0.0f);
                 for (int a = 0; a < LINE_AXES; ++a)
                     values[h] += line[a] * lanes_load(patch->lines[a] + h * LANE_COUNT);
             }
         }
-        for (int h = 0; h < 2; ++h)
-            lanes_store(patches->f[touched] + h * LANE_COUNT, values[h]);
         /* No corner is farther from the ray. */
         const float reach =
             vec3_length(vec3_cross(vec3_sub(patch->center, q->o), q->d)) + patch->radius;
         const float margin = (patch->bulge + patch->blur) * reach;
-        const uint32_t above = lanes_bits(values[0] > -margin) | lanes_bits(values[1] > -margin)
-                                                                     << LANE_COUNT;
-        const uint32_t below = lanes_bits(values[0] < margin) | lanes_bits(values[1] < margin)
-                                                                    << LANE_COUNT;
+        uint32_t above = 0, below = 0;
+        for (int h = 0; h < HALVES; ++h) {
+            lanes_store(patches->f[touched] + h * LANE_COUNT, values[h]);
+            above |= lanes_bits(values[h] > -margin) << (h * LANE_COUNT);
+            below |= lanes_bits(values[h] < margin) << (h * LANE_COUNT);
+        }
         const uint32_t tubes = words_meeting(patch->masks, above, below);
         patches->touched[touched] = p;
         patches->tubes[touched] = tubes;
@@ -427,20 +474,16 @@ static inline void find_crossings(const TubeTree *tree, uint32_t p, uint32_t tub
                                   const float f[PATCH_CORNERS], bool may_turn, Queues *queues) {
     const TubePatch *patch = &tree->patches[p];
     const float blur = patch->blur * reach; /* f is averaged over so much to either side, at most */
-    const ByteList list = list_bits(tubes);
+    const BitList list = list_bits(tubes);
     const uint32_t count = (uint32_t)__builtin_popcount(tubes);
     for (uint32_t i = 0; i < count; i += LANE_COUNT) {
-        const uint32_t all = count - i < LANE_COUNT ? (1u << (count - i)) - 1u : 0xFFu;
-        const uint64_t numbers = list.bytes[i / LANE_COUNT];
-        LaneMask corner[3];
-        Lanes g[3];
-        for (int k = 0; k < 3; ++k) {
-            corner[k] = lanes_lookup_bytes(patch->numbers[k], numbers);
-            g[k] = lanes_lookup(f, corner[k]);
-            corner[k] += (int32_t)(p * PATCH_CORNERS);
-        }
+        const uint32_t all = list_lanes(&list, count, i);
+        const LaneMask pairs = list_lookup(&list, i, patch->pairs);
+        const LaneMask thirds = list_lookup(&list, i, patch->thirds);
+        const Lanes g[3] = {lanes_lookup(f, pairs), lanes_lookup(f, pairs >> 4),
+                            lanes_lookup(f, thirds)};
         const Lanes low = min_of(g), high = max_of(g);
-        const LaneMask bulges = lanes_lookup_bytes(patch->bulges, numbers);
+        const LaneMask bulges = list_lookup(&list, i, patch->bulges);
         const Lanes margin =
             (patch->bulge * reach / 255.0f) * __builtin_convertvector(bulges, Lanes);
         const Lanes bend_max =
@@ -449,25 +492,22 @@ static inline void find_crossings(const TubeTree *tree, uint32_t p, uint32_t tub
             (margin > bend_max) & (low < margin + blur) & (high > -margin - blur);
         const uint32_t bent = lanes_bits(is_bent) & all;
         const uint32_t crossed = lanes_bits((low <= blur) & (high > -blur)) & all & ~bent;
-        const Odd odd = odd_corner(g);
         const LanePack pack = lanes_pack_for(crossed);
         CrossedQueue *queue = &queues->crossed;
         const uint32_t end = queue->count;
-        for (int k = 0; k < 3; ++k) {
-            const Lanes turned =
-                turn(&odd, k, (Lanes)corner[0], (Lanes)corner[1], (Lanes)corner[2]);
-            lanes_pack_numbers(queue->corners[k] + end, (LaneMask)turned, &pack);
-            lanes_pack(queue->f[k] + end, turn(&odd, k, g[0], g[1], g[2]), &pack);
-        }
+        const LaneMask patches = pairs * 0 + (int32_t)p;
+        memcpy(queue->patches + end, &patches, sizeof patches);
+        lanes_pack_numbers(queue->corners + end, pairs | thirds << 8, &pack);
+        for (int k = 0; k < 3; ++k)
+            lanes_pack(queue->f[k] + end, g[k], &pack);
         queue->count = end + (uint32_t)__builtin_popcount(crossed);
         if (bent != 0) {
             Tubes loose;
             loose.level = lanes_set(0.0f);
+            const LaneMask corner[3] = {pairs & 15, pairs >> 4, thirds};
             for (int k = 0; k < 3; ++k) {
                 loose.f[k] = g[k];
-                uint32_t numbers_of[LANE_COUNT];
-                memcpy(numbers_of, &corner[k], sizeof numbers_of);
-                load_corners(tree, numbers_of, loose.rows[k]);
+                load_corners(tree, patches, corner[k], loose.rows[k]);
             }
             add_loose(&loose, bent, &queues->bent);
         }
@@ -620,8 +660,9 @@ static inline void gather_chord(const ChordGather *gather, const End *b, const E
         gather->sums->radiance[k] += arrives;
         total += arrives;
     }
-    gather->sums->frequency +=
-        lanes_select(is_hit, total * frequency_of(gather->tubes, area, m.w, s), zero);
+    if (q->has_frequency)
+        gather->sums->frequency +=
+            lanes_select(is_hit, total * frequency_of(gather->tubes, area, m.w, s), zero);
 }
 
 /* Where light turns over from one side of the view to the other, it meets the view at infinity, and
@@ -773,7 +814,7 @@ static inline Lanes soften_tubes(Tubes *tubes, const TubeLight *light, const Que
     return covered / lanes_max(2.0f * half, lanes_set(1e-30f));
 }
 
-/* Adds what eight tubes send that are crossed, or nearly. */
+/* Adds what tubes send that are crossed, or nearly. */
 static inline void gather_crossed(Tubes *tubes, const TubeTree *tree, const Medium *medium,
                                   const Query *q, Sums *sums) {
     if (tree->blur > 0.0f) {
@@ -872,8 +913,8 @@ static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTr
     }
 }
 
-/* Takes what waits in eights, or all that there is. Bent tubes are quartered last in, first out, so
- * that few wait: each level leaves at most three quarters of the 32 parts of eight behind. */
+/* Takes what waits by vectors, or all that there is. Bent tubes are quartered last in, first out,
+ * so that few wait: each level leaves at most three quarters of the parts of one vector behind. */
 static inline void empty_queues(const TubeTree *tree, const Medium *medium, const Query *q,
                                 Queues *queues, bool is_last, Sums *sums) {
     const uint32_t least = is_last ? 1 : LANE_COUNT;
@@ -909,9 +950,10 @@ static inline void gather_patches(const TubeTree *tree, const Medium *medium, co
 
 /* False, and nothing is known, where a tube's light runs along the ray and that is not allowed. */
 static inline bool gather_ray(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
-                              float length, bool may_be_parallel, FieldRadiance *out) {
+                              float length, bool has_frequency, bool may_be_parallel,
+                              FieldRadiance *out) {
     const Vec3 from = vec3_sub(o, tree->center);
-    Query q = {.d = d, .near = vec3_dot(from, d)};
+    Query q = {.d = d, .near = vec3_dot(from, d), .has_frequency = has_frequency};
     q.far = q.near + length;
     q.o = vec3_madd(from, -q.near, d);
     const Vec3 moment = vec3_cross(q.o, d);
@@ -932,24 +974,36 @@ static inline bool gather_ray(const TubeTree *tree, const Medium *medium, Vec3 o
     patches.is_parallel = false;
     Queues queues;
     queues.crossed.count = queues.parts.count = queues.bent.count = 0;
-    /* Of the nodes that wait, each eight children at most of one that was taken. */
     uint32_t stack[STACK_MAX];
     uint8_t levels[STACK_MAX];
     uint32_t depth = 1;
     stack[0] = 0;
     levels[0] = (uint8_t)(tree->level_count - 1);
     while (depth > 0) {
-        --depth;
-        const uint32_t level = levels[depth], index = stack[depth];
-        const uint32_t hit = children_hit(&tree->nodes[tree->first[level] + index], &q);
-        if (level > 0) {
-            lanes_store_numbers(stack + depth, index * LANE_COUNT, hit);
-            memset(levels + depth, (int)level - 1, LANE_COUNT);
-            depth += (uint32_t)__builtin_popcount(hit);
-            continue;
+        /* From the top; the ones below are of the same level, or of a higher one. */
+        const uint32_t count = depth < NODES ? depth : NODES;
+        depth -= count;
+        uint32_t level[NODES], index[NODES];
+        const TubeNode *nodes[NODES];
+        for (uint32_t k = 0; k < NODES; ++k) {
+            const uint32_t place = depth + (k < count ? k : 0);
+            level[k] = levels[place];
+            index[k] = stack[place];
+            nodes[k] = &tree->nodes[tree->first[level[k]] + index[k]];
         }
-        lanes_store_numbers(patches.found + patches.found_count, index * LANE_COUNT, hit);
-        patches.found_count += (uint32_t)__builtin_popcount(hit);
+        const uint32_t hit = children_hit(nodes[0], nodes[NODES - 1], &q);
+        for (uint32_t k = 0; k < count; ++k) {
+            const uint32_t bits = hit >> (k * TUBE_LANES) & 0xFFu;
+            const uint32_t first = index[k] * TUBE_LANES;
+            if (level[k] > 0) {
+                lanes_store_numbers(stack + depth, first, bits);
+                memset(levels + depth, (int)level[k] - 1, TUBE_LANES);
+                depth += (uint32_t)__builtin_popcount(bits);
+            } else {
+                lanes_store_numbers(patches.found + patches.found_count, first, bits);
+                patches.found_count += (uint32_t)__builtin_popcount(bits);
+            }
+        }
         if (patches.found_count >= PATCHES_FULL)
             gather_patches(tree, medium, &q, &patches, &queues, &sums);
     }
@@ -965,13 +1019,14 @@ static inline bool gather_ray(const TubeTree *tree, const Medium *medium, Vec3 o
 }
 
 FieldRadiance AMB_TUBE_GATHER(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
-                              float length) {
+                              float length, bool has_frequency) {
     FieldRadiance out;
-    if (gather_ray(tree, medium, o, d, length, false, &out))
+    if (gather_ray(tree, medium, o, d, length, has_frequency, false, &out))
         return out;
     Vec3 x, y;
     vec3_frame(d, &x, &y);
     /* Turned out of one light's direction it may be in another's, which then loses some. */
-    gather_ray(tree, medium, o, vec3_normalize(vec3_madd(d, NUDGE, x)), length, true, &out);
+    gather_ray(tree, medium, o, vec3_normalize(vec3_madd(d, NUDGE, x)), length, has_frequency, true,
+               &out);
     return out;
 }

@@ -4,8 +4,6 @@
 
 TubeGather tube_gather_select(void) {
 #if defined(__x86_64__)
-    /* Vectors stay as long as with AVX2: what AVX-512 brings is lookups among 16 floats, masks and
-     * registers. */
     if (__builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw") &&
         __builtin_cpu_supports("avx512dq"))
         return tube_gather_avx512;

@@ -289,7 +289,8 @@ static void write_patch(const Grower *grower, const Growth *growth, TubePatch *p
         const uint32_t item = growth->items[i];
         for (int k = 0; k < 3; ++k) {
             const uint32_t c = find_corner(growth, grower->corners[item][k]);
-            patch->numbers[k][i] = (uint8_t)c;
+            uint8_t *numbers = k < 2 ? &patch->pairs[i] : &patch->thirds[i];
+            *numbers |= (uint8_t)(k == 1 ? c << 4 : c);
             patch->masks[i] |= (uint16_t)(1u << c);
         }
         patch->bulge = fmaxf(patch->bulge, grower->tubes[grower->items[item].index].bulge);

@@ -50,15 +50,16 @@ enum { PATCH_CORNERS = 16, PATCH_TUBES = 16, LINE_AXES = 6 };
 
 /* Neighbouring tubes: a corner is stored once, and its f is computed once, for all of them. */
 typedef struct TubePatch {
-    float lines[LINE_AXES][PATCH_CORNERS];     /* x cross w and w of each corner */
-    float corners[PATCH_CORNERS][CORNER_SIZE]; /* the same corners, for what is crossed */
+    _Alignas(64) float lines[LINE_AXES][PATCH_CORNERS]; /* x cross w and w of each corner */
+    float corners[PATCH_CORNERS][CORNER_SIZE];          /* the same corners, for what is crossed */
     float starts[PATCH_CORNERS];
-    uint16_t masks[PATCH_TUBES];     /* which corners a tube has; 0: no tube */
-    uint8_t numbers[3][PATCH_TUBES]; /* of its corners */
-    uint8_t bulges[PATCH_TUBES];     /* of the tubes, in 1/255 of */
-    float bulge;                     /* the largest */
-    float blur;                      /* the largest of the tubes */
-    float radius;                    /* of a ball around all corners, m */
+    uint16_t masks[PATCH_TUBES]; /* which corners a tube has; 0: no tube */
+    uint8_t pairs[PATCH_TUBES];  /* numbers of its first two corners, four bits each */
+    uint8_t thirds[PATCH_TUBES]; /* and of the third */
+    uint8_t bulges[PATCH_TUBES]; /* of the tubes, in 1/255 of */
+    float bulge;                 /* the largest */
+    float blur;                  /* the largest of the tubes */
+    float radius;                /* of a ball around all corners, m */
     Vec3 center;
 } TubePatch;
 

@@ -585,11 +585,13 @@ uint64_t tubes_bytes(const TubeField *tubes) {
     return bytes;
 }
 
-FieldRadiance tubes_gather(const TubeField *tubes, Vec3 o, Vec3 d, float length) {
+FieldRadiance tubes_gather(const TubeField *tubes, Vec3 o, Vec3 d, float length,
+                           bool has_frequency) {
     const TubeGather gather = tube_gather_select();
     FieldRadiance sum = {.radiance = {0, 0, 0}};
     for (uint32_t i = 0; i < tubes->tree_count; ++i) {
-        const FieldRadiance part = gather(&tubes->trees[i], &tubes->medium, o, d, length);
+        const FieldRadiance part =
+            gather(&tubes->trees[i], &tubes->medium, o, d, length, has_frequency);
         sum.radiance = rgb_add(sum.radiance, part.radiance);
         sum.frequency += part.frequency;
         sum.contribution += part.contribution;

@@ -45,6 +45,7 @@ void tubes_clear(TubeField *tubes);
 uint64_t tubes_bytes(const TubeField *tubes);
 
 /* See field_gather. */
-FieldRadiance tubes_gather(const TubeField *tubes, Vec3 o, Vec3 d, float length);
+FieldRadiance tubes_gather(const TubeField *tubes, Vec3 o, Vec3 d, float length,
+                           bool has_frequency);
 
 #endif
