@@ -292,9 +292,8 @@ static AmbStatus settle_effects(const AmbScene *scene, const AmbRenderParams *pa
                                 MeshProblems *out_problems) {
     const double samples = expected_samples(params, crop);
     /* Who decides alone is told the shares where that costs nothing to speak of. */
-    const bool is_measured =
-        scene_has_boundary(scene) &&
-        (plan->is_automatic || explains || samples >= (double)SAMPLES_TO_TELL);
+    const bool is_measured = scene_has_boundary(scene) &&
+                             (plan->is_automatic || explains || samples >= (double)SAMPLES_TO_TELL);
     LightProbe light = {.fields = {NULL}};
     if (plan->has_field) {
         const LightProbeParams probe = {
