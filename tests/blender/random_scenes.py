@@ -142,7 +142,7 @@ def render_scene(number, problems):
         if scene.name not in report.LAST:
             problems.append("neither a picture nor an error")
     for summary in report.LAST.values():
-        problems.extend(line for line in summary.warnings if "not finite" in line)
+        problems.extend(line for line in summary.warnings if "were not finite" in line)
     if problems:
         outcome, said = FAILED, "; ".join([*problems, said])
     return outcome, " | ".join(said.splitlines())

@@ -259,6 +259,17 @@ static void gather_later(Walk *walk, float length) {
         add(walk, 3, radiance.more);
 }
 
+/* A path comes this far from an object, in its radii, through a hole of the mesh alone. From there
+ * one in 16 or fewer would come back, and where the medium does not absorb no other end is near. */
+static const float LOST_RADII = 16.0f;
+
+static bool is_lost(const Walk *walk) {
+    const SceneObject *object = &walk->walker->scene->objects[medium_stack_top(&walk->stack)];
+    const float reach = LOST_RADII * object->radius;
+    const Vec3 from = vec3_sub(walk->o, object->center);
+    return vec3_dot(from, from) > reach * reach;
+}
+
 /* One segment and what follows it. False: the walk has ended. */
 static bool step(Walk *walk) {
     const Walker *walker = walk->walker;
@@ -310,6 +321,8 @@ static bool step(Walk *walk) {
     const float u = walker_random(walk->walker) * sum;
     if (material != NULL && u < choice.scatter) {
         collide(walk, &material->medium, length, target.has_passed);
+        if (is_lost(walk))
+            return false;
         walk->throughput = rgb_scale(walk->throughput, sum / choice.scatter);
         scatter(walk, &material->medium);
         return true;
