@@ -30,6 +30,8 @@ SLOW = 2.0
 # Scenes to a process: what a scene leaves behind in Blender is not ours to bound.
 SCENES_PER_PROCESS = 100
 PICTURE, REFUSED, FAILED, SLOWLY = "picture", "refused", "failed", "slow"
+# Blender itself ended or did not come back while it made the scene, before anything of ours ran.
+BUILT, BLENDERS = "built", "blender's own"
 
 
 # ---- Outside Blender -----------------------------------------------------------------------------
@@ -59,9 +61,12 @@ def run(first, count, say=print, verbose=False):
                 process = subprocess.run(
                     command, env=environment, cwd=name, stdout=file, stderr=subprocess.STDOUT
                 )
-            done = at
+            done, is_built = at, False
             for line in journal.read_text().splitlines():
                 _, what, _ = line.split(" ", 2)
+                is_built = what == BUILT
+                if is_built:
+                    continue
                 outcomes[what] += 1
                 done += what != SLOWLY
                 if what in {FAILED, SLOWLY} or verbose:
@@ -69,9 +74,9 @@ def run(first, count, say=print, verbose=False):
             if verbose:
                 say(output.read_text(errors="replace"))
             if done < end:
-                outcomes[FAILED] += 1
-                tail = output.read_text(errors="replace")[-3000:]
-                say(f"{done} ended Blender ({process.returncode}):\n{tail}")
+                outcomes[FAILED if is_built else BLENDERS] += 1
+                tail = output.read_text(errors="replace")[-3000:] if is_built else "by itself"
+                say(f"{done} ended Blender ({process.returncode}): {tail}")
                 done += 1
             at = done
     return outcomes
@@ -88,7 +93,8 @@ def main():
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     print(
         f"{options.count} scenes: {outcomes[PICTURE]} pictures, {outcomes[REFUSED]} refused, "
-        f"{outcomes[FAILED]} failed, {outcomes[SLOWLY]} slow; "
+        f"{outcomes[FAILED]} failed, {outcomes[SLOWLY]} slow, {outcomes[BLENDERS]} ended Blender "
+        "before the render; "
         f"{(used.ru_utime + used.ru_stime) / options.count:.2f} CPU s each"
     )
     return outcomes[FAILED] > 0
@@ -118,7 +124,7 @@ def watch(problems, seconds):
     engine.AmberlightRenderEngine.render = render_timed
 
 
-def render_scene(number, problems):
+def render_scene(number, problems, journal):
     """Outcome and what there is to say of it."""
     import bpy
     from amberlight import report
@@ -129,6 +135,8 @@ def render_scene(number, problems):
     problems.clear()
     report.LAST.clear()
     RandomScene(number).fill()
+    bpy.context.evaluated_depsgraph_get()
+    journal.write(f"{number} {BUILT} \n")
     outcome, said = PICTURE, ""
     try:
         bpy.ops.render.render()
@@ -160,7 +168,7 @@ def inside(path, first, end):
             limit = int(time.process_time()) + CPU_LIMIT
             resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.RLIM_INFINITY))
             try:
-                outcome, said = render_scene(number, problems)
+                outcome, said = render_scene(number, problems, journal)
             except Exception:
                 outcome, said = FAILED, traceback.format_exc().replace("\n", " | ")
             if sum(seconds) > SLOW:

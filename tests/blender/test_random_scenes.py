@@ -13,6 +13,5 @@ def test_random_scenes():
     said = []
     outcomes = random_scenes.run(0, 20, said.append)
     assert outcomes[random_scenes.FAILED] == 0, "\n".join(said)
-    assert sum(outcomes.values()) - outcomes[random_scenes.SLOWLY] == 20
     # A generator of errors alone would show little.
     assert outcomes[random_scenes.PICTURE] > 10
