@@ -292,6 +292,26 @@ static void point_sets_have_low_discrepancy(void) {
     }
 }
 
+/* Points of low rank are as many as they should be, and cover the square evenly themselves. */
+static void ranks_choose_even_parts(void) {
+    enum { N = 65536 };
+    static Sample2 chosen[N];
+    for (int k = 0; k < 4; ++k) {
+        const float part = 0.01f * (float)(1 << (2 * k)), shift = 0.21f * (float)k;
+        int count = 0;
+        for (uint64_t i = 0; i < N; ++i) {
+            const float rank = sample_fibonacci_rank(i, shift);
+            ENSURE(rank >= 0.0f && rank < 1.0f);
+            if (rank < part)
+                chosen[count++] = sample_fibonacci(i, N, shift);
+        }
+        ENSURE_NEAR(count, part * N, 4.0);
+        /* By chance it would be 1.2 / sqrt(count). */
+        ENSURE(discrepancy(chosen, count) < 0.5 / sqrt(count));
+    }
+    ENSURE(sample_fibonacci_rank(UINT64_MAX, 0.999999940395f) < 1.0f);
+}
+
 /* The last of very many points lies nearer to 1 than floats do. */
 static void lattice_stays_inside_the_square(void) {
     for (uint64_t n = 1; n <= 1ull << 31; n *= 2) {
@@ -399,6 +419,7 @@ void test_optics(void) {
     RUN(medium_transmittance_multiplies);
     RUN(kernel_follows_equation_8);
     RUN(point_sets_have_low_discrepancy);
+    RUN(ranks_choose_even_parts);
     RUN(lattice_stays_inside_the_square);
     RUN(maps_keep_area);
     RUN(frames_are_right_handed);

@@ -34,6 +34,7 @@ typedef struct Batch {
     MediumStack start; /* media around the light */
     uint32_t target;
     uint64_t first; /* index of its first ray among all */
+    float shift;    /* of the ranks of its rays */
 } Batch;
 
 typedef struct Chunk {
@@ -64,7 +65,9 @@ typedef struct Branch {
     float entry_area, cell_area; /* 0: not inside yet */
     float lamp;                  /* m, from a lamp to where its light entered; 0: no matter */
     float start_slope;
-    float emitted; /* largest channel of the ray's flux at the light */
+    float emitted;    /* largest channel of the ray's flux at the light */
+    float stands_for; /* rays, >= 1: more where others have ended in its favour */
+    float rank;       /* see goes_on */
     uint32_t bounces;
     bool is_direct;  /* has met no boundary yet */
     bool is_bent;    /* has been refracted or reflected */
@@ -164,7 +167,7 @@ static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, 
             branch->lamp = 0.0f;
         }
         beam.entry_area = branch->entry_area;
-        beam.cell_area = branch->cell_area;
+        beam.cell_area = branch->cell_area * branch->stands_for;
         if (beam.cell_area > 0.0f)
             status = chunk_append(chunk, &beam, medium_stack_top(&branch->stack));
     }
@@ -200,10 +203,23 @@ static Branch branch_on(const AmbScene *scene, const Arrival *arrival, bool is_r
     return next;
 }
 
-/* Whether a branch still carries enough of its ray's flux to be followed. */
-static bool is_worth(const Tracer *tracer, const Branch *branch) {
+/* Whether a branch is followed: not where nothing to speak of is left of its ray's flux, and in
+ * part of the rays where that is little: the ranks of rays that go on are below the share left,
+ * an even part of the lattice. Rays then lie where the light is; many beams of next to no light
+ * would cost every gather what they cost, and add nothing. */
+static bool goes_on(const Tracer *tracer, Branch *branch) {
     const float least = tracer->params->lands ? FLUX_MIN_LANDING : FLUX_MIN;
-    return rgb_max(branch->flux) > least * branch->emitted;
+    const float share = rgb_max(branch->flux) / (branch->emitted * branch->stands_for);
+    if (!(share > least))
+        return false;
+    if (share * branch->stands_for >= tracer->params->roulette)
+        return true;
+    const float survival = share / tracer->params->roulette;
+    if (!(branch->rank < survival))
+        return false;
+    branch->flux = rgb_scale(branch->flux, 1.0f / (survival * branch->stands_for));
+    branch->stands_for = 1.0f / survival;
+    return true;
 }
 
 static Branch refract_branch(const Tracer *tracer, const Arrival *arrival) {
@@ -251,8 +267,9 @@ static AmbStatus land(Chunk *chunk, const Branch *branch, const SurfacePoint *su
     LightLanding landing = {.p = surface->p,
                             .n = vec3_scale(surface->ng, side),
                             .flux = rgb_scale(branch->flux, cos_shading / fabsf(cos_face))};
+    const float width = sqrtf(branch->stands_for);
     for (int k = 0; k < TANGENT_COUNT; ++k)
-        landing.footprint[k] = branch->pairs[k].dp;
+        landing.footprint[k] = vec3_scale(branch->pairs[k].dp, k < TANGENT_LATTICE ? width : 1.0f);
     tally_add(chunk->tally.landed, landing.flux);
     return chunk_land(chunk, &landing);
 }
@@ -269,6 +286,8 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
                           .d = ray.d,
                           .flux = ray.flux,
                           .emitted = rgb_max(ray.flux),
+                          .stands_for = 1.0f,
+                          .rank = sample_fibonacci_rank(index, batch->shift),
                           .stack = batch->start,
                           .is_direct = true};
     memcpy(waiting[0].pairs, ray.pairs, sizeof ray.pairs);
@@ -315,14 +334,14 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
             continue;
 
         const Arrival arrival = {&branch, crossing};
-        const bool goes_on = crossing->beyond.count > 0 || params->follows_through;
-        if (crossing->can_refract && goes_on && waiting_count < ORDER_MAX) {
+        const bool is_followed = crossing->beyond.count > 0 || params->follows_through;
+        if (crossing->can_refract && is_followed && waiting_count < ORDER_MAX) {
             Branch next = refract_branch(tracer, &arrival);
             if (is_outside && branch.is_direct && batch->emission.light->kind != AMB_LIGHT_SUN)
                 next.lamp = ray.way + length;
             if (is_outside && branch.is_direct)
                 tally_add(chunk->tally.entered, next.flux);
-            if (is_worth(tracer, &next))
+            if (goes_on(tracer, &next))
                 waiting[waiting_count++] = next;
         }
         const bool reflects = is_outside ? params->lands : branch.bounces < params->bounces;
@@ -330,7 +349,7 @@ static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t in
             Branch next = reflect_branch(tracer, &arrival);
             if (is_outside)
                 next.bounces = branch.bounces;
-            if (is_worth(tracer, &next))
+            if (goes_on(tracer, &next))
                 waiting[waiting_count++] = next;
         }
     }
@@ -384,7 +403,8 @@ static AmbStatus list_batches(Tracer *tracer) {
                                         .shift_u = rng_float(rng, 0),
                                         .shift_v = rng_float(rng, 1)},
                            .start = start,
-                           .target = o};
+                           .target = o,
+                           .shift = rng_float(rng, 2)};
             if (start.count > 0)
                 batch.emission.target_radius = INFINITY; /* every direction */
             if (light_power_towards(&batch.emission) > 0.0f)

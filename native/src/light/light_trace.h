@@ -68,9 +68,11 @@ typedef struct LightTraceParams {
     bool follows_through; /* go on with light that leaves an object, to others behind it */
     const bool *targets;  /* by object: those that light is sent to; NULL: all */
     bool adjoint_normals; /* see BoundaryCrossing */
-    bool lands; /* keep landings instead of beams: light that boundaries refract, or reflect on
-                 * their outside, onto opaque surfaces. Light that passed boundaries between equal
-                 * indices alone goes straight on, and shadow rays know it */
+    bool lands;     /* keep landings instead of beams: light that boundaries refract, or reflect on
+                     * their outside, onto opaque surfaces. Light that passed boundaries between
+                     * equal indices alone goes straight on, and shadow rays know it */
+    float roulette; /* branches with less than this share of their ray's flux at the light go on
+                     * in part of the rays, in proportion, and stand for all; 0: all go on */
     uint32_t seed;
 } LightTraceParams;
 

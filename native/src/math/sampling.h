@@ -36,6 +36,14 @@ static inline Sample2 sample_fibonacci(uint64_t i, uint64_t n, float shift) {
     return (Sample2){u, v - floorf(v)};
 }
 
+/* A third coordinate of that point, in [0, 1): those below any value are nearly as even a set as
+ * all of them (their number in a disc varies by a sixth of what it would by chance). */
+static inline float sample_fibonacci_rank(uint64_t i, float shift) {
+    const uint64_t u = i * 0x6a09e667f3bcc908u; /* sqrt(2) - 1 in 0.64 fixed point */
+    const float fu = (float)(u >> 40) * 0x1p-24f + shift;
+    return fu - floorf(fu);
+}
+
 /* Unit disc; pdf = 1/pi per unit area. */
 static inline Sample2 sample_disc(Sample2 s) {
     const float r = sqrtf(s.u), phi = 2.0f * AMB_PI * s.v;

@@ -15,6 +15,11 @@
  * make tighter boxes, fewer leave more rays for the same memory. */
 static const uint64_t SAMPLES_PER_RAY = 8;
 
+/* The beams of later reflections are most of a light field and next to none of its light. A first
+ * reflection, 4 % and more before extinction, keeps the evenness of the lattice where it can: at
+ * 0.1 gathers are a third cheaper, and what a slab's far side reflects has a noise of 5 %. */
+static const float LIGHT_ROULETTE = 0.02f;
+
 /* Fewer than these are no picture to speak of. */
 static const uint64_t LIGHT_SAMPLES_MIN = 4096, CAUSTIC_RAYS_MIN = 1024;
 
@@ -354,6 +359,7 @@ static void set_parameters(const AmbScene *scene, const AmbRenderParams *params,
                            /* Light through an object that is dark itself may matter in the next. */
                            .targets = follows_through ? NULL : plan->targets,
                            .adjoint_normals = params->adjoint_normals != 0,
+                           .roulette = LIGHT_ROULETTE,
                            .seed = params->seed};
     plan->field = (FieldParams){.estimator = plan->estimator,
                                 .kernel_size = params->kernel_size,
