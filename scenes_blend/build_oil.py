@@ -2,16 +2,9 @@
 """The paper's oil in a flask, nested boundaries, lit from the side.
 
 Glass and oil are two closed meshes, and the oil reaches a little into the wall, as artists model
-it. This engine's rule for overlaps is that a path is in the medium that it entered last, so:
-
-- on the way in a path meets the oil's own surface inside the wall: glass to oil there;
-- on the way out it meets the inner side of the wall: oil to glass there, and the end of the oil
-  behind it changes nothing.
-
-Both are the one boundary between glass and oil that there should be, apart by the overlap: with
-half of it the light that scatters is 0.2 % more. A gap instead is a film of air, which reflects
-all of the light that is oblique enough (one of 0.01 takes 24 %), and faces that coincide are a
-matter of rounding (2.5 %, and spots).
+it. The glass has the higher priority, so it fills what is common to both: the one boundary between
+glass and oil is the inner side of the wall, wherever in the wall the oil ends. A gap instead is a
+film of air, which reflects all of the light that is oblique enough (one of 0.01 takes 24 %).
 """
 
 import sys
@@ -67,6 +60,7 @@ common.set_world((0.12, 0.13, 0.15))
 
 oil = common.paper_resin("Oil", (0.004, 0.454, 0.1), (9.709, 11.628, 2.74), g=0.9, ior=1.47)
 glass = common.clear_glass("Glass", ior=1.5)
+glass.amberlight.priority = 1
 common.add_object("Sweep", common.sweep(), common.diffuse("Stone", (0.2, 0.17, 0.15)))
 for name, profile, material in (("Glass", glass_profile, glass), ("Oil", oil_profile, oil)):
     common.add_lathed(name, profile, material, AROUND)

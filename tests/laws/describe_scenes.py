@@ -86,6 +86,7 @@ def describe(path):
         "settings": describe_settings(scene),
         "objects": {item.name: describe_object(item) for item in scene.objects},
         "materials": {m.name: describe_nodes(m.node_tree) for m in bpy.data.materials},
+        "priorities": {m.name: m.amberlight.priority for m in bpy.data.materials},
         "world": describe_nodes(scene.world.node_tree),
         "external": sorted(bpy.utils.blend_paths()),
     }

@@ -43,9 +43,11 @@ enum {
     LIGHT_RAYS_MAX = 4096,
     SAMPLES_PER_LIGHT_RAY = 16,
     PROBES_MIN = 64,  /* at a time */
-    PROBES_FEW = 256, /* where a share is not clear, however small the render */
+    PROBES_FEW = 256, /* where a share is not clear and walks are noisy, however small the render */
     PROBES_MAX = 1024,
     SAMPLES_PER_PROBE = 64,
+    CLEAR_SAMPLES_PER_PROBE =
+        128,               /* where nothing scatters, and probes are all that planning costs */
     SAMPLES_OF_TARGET = 8, /* of a pixel, where a target decides */
     VIEW_RAYS_MAX = 4096,
     /* The least render that tells shares on which nothing hangs: a probe follows walks through many
@@ -261,7 +263,10 @@ static AmbStatus decide_by_shares(const AmbScene *scene, const AmbRenderParams *
     AmbStatus status = AMB_OK;
     if (view.visible_count > 0) {
         status = effect_shares_create(scene, &shares);
-        const uint64_t probes = clamp_count(samples / SAMPLES_PER_PROBE, PROBES_FEW, PROBES_MAX);
+        const uint64_t probes =
+            scene_has_scattering(scene)
+                ? clamp_count(samples / SAMPLES_PER_PROBE, PROBES_FEW, PROBES_MAX)
+                : clamp_count(samples / CLEAR_SAMPLES_PER_PROBE, PROBES_MIN, PROBES_MAX);
         if (status == AMB_OK)
             status = measure(scene, params, &view, light, probes, job, &shares, plan);
         if (status == AMB_OK) {
