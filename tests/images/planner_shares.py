@@ -4,7 +4,7 @@ effect, each from two seeds whose product has no noise in expectation."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -71,6 +71,27 @@ def object_mask(scene: PlannerScene, size: int) -> NDArray[np.bool_]:
         with built.start(width=size, height=size, **settings) as job:
             job.wait()
             return np.asarray(job.read_pass("Combined")[..., 3] > 0)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Two pictures with everything on and all reflections, of seeds of their own: the product of
+    a picture's differences to them has none of their noise in expectation."""
+
+    mask: NDArray[np.bool_]
+    halves: tuple[Array, Array]
+
+    def error(self, image: Array) -> float:
+        """rel_rmse over the pixels that show a translucent object."""
+        a, b = (image[self.mask] - half[self.mask] for half in self.halves)
+        radiance = float(np.mean([half[self.mask] for half in self.halves]))
+        return float(np.sqrt(max(np.mean(a * b), 0.0))) / radiance if radiance > 0 else 0.0
+
+
+def truth(scene: PlannerScene, size: int, **params: Any) -> Truth:
+    mask = object_mask(scene, size)
+    first, second = (render_passes(scene, size, seed=s, **params)[0][0] for s in SEEDS)
+    return Truth(mask, (first, second))
 
 
 def shares(scene: PlannerScene, size: int, **params: Any) -> dict[str, Any]:
