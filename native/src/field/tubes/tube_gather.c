@@ -825,6 +825,25 @@ static inline void gather_crossed(Tubes *tubes, const TubeTree *tree, const Medi
     }
 }
 
+/* How far from the line of the ray light begins, and the sine of its angle to it. */
+typedef struct Aside {
+    Lanes distance, sine;
+} Aside;
+
+static inline Aside aside_of(Lanes3 across, Lanes3 w, Lanes3 d) {
+    const Lanes3 turned = cross3(d, w);
+    return (Aside){lanes_sqrt(dot3(across, across)), lanes_sqrt(dot3(turned, turned))};
+}
+
+/* Whether light comes to the line before it ends, where it does not begin farther than size from
+ * any corner, and does not run in a direction that is farther than spread from all of them. */
+static inline LaneMask can_arrive(Aside a, Aside b, Aside c, Lanes size, Lanes spread,
+                                  Lanes limit) {
+    const Lanes distance = lanes_max(lanes_max(a.distance, b.distance), c.distance) - size;
+    const Lanes sine = lanes_max(lanes_max(a.sine, b.sine), c.sine) + spread;
+    return distance <= limit * sine;
+}
+
 /* One of the four parts of each tube: the corners are those of the tube (0, 1, 2) and the middles
  * of its edges 01, 12, 20 (3, 4, 5). */
 static const uint8_t PARTS[4][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}};
@@ -838,6 +857,26 @@ static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTr
     const Lanes3 d = set3(q->d), o = set3(q->o);
     Lanes rows[6][CORNER_ROWS], f[6], bend = lanes_set(0.0f);
     Lanes3 normal[3];
+    Aside aside[6];
+    Lanes size2 = lanes_set(0.0f), spread2 = lanes_set(0.0f), limit = lanes_set(0.0f);
+    Lanes sine = lanes_set(1.0f), blur = lanes_set(0.0f); /* blur: as in find_crossings */
+    for (int k = 0; k < 3; ++k) {
+        const Lanes3 x = row3(tubes, k, CORNER_X), w = row3(tubes, k, CORNER_W);
+        const Lanes3 edge = sub3(row3(tubes, (k + 1) % 3, CORNER_X), x);
+        const Lanes3 change = sub3(row3(tubes, (k + 1) % 3, CORNER_W), w);
+        aside[k] = aside_of(cross3(d, sub3(x, o)), w, d);
+        size2 = lanes_max(size2, dot3(edge, edge));
+        spread2 = lanes_max(spread2, dot3(change, change));
+        limit = lanes_max(limit, tubes->rows[k][CORNER_LIMIT]);
+        sine = lanes_min(sine, aside[k].sine);
+        blur = lanes_max(blur, tree->blur * aside[k].distance);
+    }
+    const Lanes size = lanes_sqrt(size2), spread = lanes_sqrt(spread2);
+    const LaneMask is_near =
+        can_arrive(aside[0], aside[1], aside[2], size, spread + tree->blur, limit);
+    const uint32_t all = lanes_bits(is_near) & ((1u << count) - 1u);
+    if (all == 0)
+        return;
     memcpy(rows, tubes->rows, sizeof tubes->rows);
     memcpy(f, tubes->f, sizeof tubes->f);
     for (int k = 0; k < 3; ++k) {
@@ -857,24 +896,13 @@ static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTr
         middle[CORNER_W] = w.x;
         middle[CORNER_W + 1] = w.y;
         middle[CORNER_W + 2] = w.z;
-        f[3 + k] = line_f(cross3(d, sub3(x, o)), w, d);
+        const Lanes3 across = cross3(d, sub3(x, o));
+        aside[3 + k] = aside_of(across, w, d);
+        f[3 + k] = line_f(across, w, d);
         bend = lanes_max(bend, abs_lanes(f[3 + k] - 0.5f * (f[k] + f[next])));
     }
     const Lanes low = min_of(f), high = max_of(f), level = tubes->level + 1.0f;
-    const uint32_t all = (1u << count) - 1u;
-    Lanes blur = lanes_set(0.0f); /* as in find_crossings */
-    for (int k = 0; k < 3 && tree->blur > 0.0f; ++k) {
-        const Lanes3 across = cross3(d, sub3(row3(tubes, k, CORNER_X), o));
-        blur = lanes_max(blur, tree->blur * lanes_sqrt(dot3(across, across)));
-    }
-    Lanes sin2 = lanes_set(1.0f), spread2 = lanes_set(0.0f);
-    for (int k = 0; k < 3; ++k) {
-        const Lanes3 w = row3(tubes, k, CORNER_W), across = cross3(d, w);
-        const Lanes3 change = sub3(row3(tubes, (k + 1) % 3, CORNER_W), w);
-        sin2 = lanes_min(sin2, dot3(across, across));
-        spread2 = lanes_max(spread2, dot3(change, change));
-    }
-    const LaneMask turns = sin2 < TURN_SPREADS * TURN_SPREADS * spread2;
+    const LaneMask turns = sine < TURN_SPREADS * spread;
     const LaneMask is_straight = (bend <= tree->bend_max * (high - low + blur)) & ~turns;
     const uint32_t crossed = lanes_bits(is_straight & (low <= blur) & (high > -blur)) & all;
     Tubes turned;
@@ -898,10 +926,13 @@ static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTr
             part.f[k] = f[PARTS[p][k]];
         }
         const Lanes bottom = min_of(part.f), top = max_of(part.f);
+        const LaneMask arrives =
+            can_arrive(aside[PARTS[p][0]], aside[PARTS[p][1]], aside[PARTS[p][2]], 0.5f * size,
+                       0.5f * spread + tree->blur, limit);
         const LaneMask is_bent =
             ((margin > (BULGE * tree->bend_max) * (top - bottom + blur)) | turns) &
-            (bottom < margin + blur) & (top > -margin - blur) & ~is_last;
-        const LaneMask is_crossed = (bottom <= blur) & (top > -blur) & ~is_bent;
+            (bottom < margin + blur) & (top > -margin - blur) & ~is_last & arrives;
+        const LaneMask is_crossed = (bottom <= blur) & (top > -blur) & ~is_bent & arrives;
         const uint32_t bent = lanes_bits(is_split & is_bent) & all;
         const uint32_t whole = lanes_bits(is_split & is_crossed) & all;
         if (whole != 0) {
