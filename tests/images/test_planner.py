@@ -12,7 +12,15 @@ import numpy as np
 import pytest
 from api import handles, library
 from planner_scenes import SCENES, PlannerScene
-from planner_shares import BOUNCES, COUNTS, EVERYTHING, ORDERS, object_mask, render_passes
+from planner_shares import (
+    BOUNCES,
+    COUNTS,
+    EVERYTHING,
+    ORDERS,
+    object_mask,
+    render_passes,
+    truth,
+)
 
 MEASURED: dict[str, dict[str, Any]] = json.loads(
     (Path(__file__).parent / "references/planner_shares.json").read_text()
@@ -175,3 +183,16 @@ def test_a_render_does_as_its_plan_says() -> None:
     assert combined.mean() > 0
     for name, image in zip(ORDERS, orders, strict=True):
         assert (image.mean() > 0) == effects(plan)[name]["simulated"]
+
+
+@pytest.mark.parametrize(
+    "name", ["resin in the dark", "wax", "matched, dark", "dim amber", "coloured glass", "sun"]
+)
+def test_finished_pictures_meet_the_target(name: str) -> None:
+    """With what was left out, noise and light field. All scenes, and finer:
+    tests/bench/bench_planner.py --finished."""
+    scene, target, common = BY_NAME[name], 0.08, {"light_samples": 2**15}
+    known = truth(scene, 16, samples=16, kernel_size=2.0, **common)
+    (image,), report = render_passes(scene, 16, effects_are_auto=1, accuracy=target, **common)
+    assert report["accuracy"]["stated"] <= target
+    assert known.error(image) < 1.25 * target
