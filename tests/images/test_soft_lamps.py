@@ -7,9 +7,22 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from api import ESTIMATORS, Medium, _ffi, add_body, handles, render, rgb, set_perspective
-from meshes import bumpy_sphere
+from api import (
+    ESTIMATORS,
+    SINGLE,
+    TUBES,
+    Medium,
+    _ffi,
+    add_body,
+    handles,
+    render,
+    rgb,
+    set_perspective,
+)
+from meshes import bumpy_sphere, large_slab
 from metrics import rel_rmse
+from oracles import half_space, sun_disc
+from order_scenes import Camera, OrderScene, Sun, passes
 
 SIZE, LAMPS = 16, 100
 POSITION = np.array([-4.5, 1.5, -1.6])
@@ -126,3 +139,22 @@ def test_soft_lamp_is_the_mean_of_many(lamps: tuple[AddLamps, AddLamps], noise: 
     assert soft.pixels[mask].mean() == pytest.approx(many.pixels[mask].mean(), rel=3e-3)
     assert rel_rmse(soft.pixels, many.pixels, mask) < noise
     assert soft.report["light"]["tubes"] < 0.6 * many.report["light"]["tubes"]
+
+
+@pytest.mark.parametrize(
+    ("half_width", "radius", "most"), [(5, 0.0375, 1e-3), (100, 0.0375, 1e-3), (100, 0.3, 8e-3)]
+)
+def test_triangles_larger_than_free_paths(half_width: float, radius: float, most: float) -> None:
+    """A half-space of a few triangles under a sun, seen where their corners meet: each tube covers
+    a part of what light is averaged over, together the whole."""
+    mu, mu0, albedo = 0.7, 0.5, 0.9
+    lamp = Sun((float(np.sqrt(1 - mu0 * mu0)), 0.0, -mu0), radius, 1.0)
+    d, share = sun_disc(lamp.direction, radius)
+    one = float(np.sum(share * half_space(mu, -d[:, 2], albedo)[0]))
+    sin = float(np.sqrt(1 - mu * mu))
+    camera = Camera((-10 * sin, 0, 10 * mu), (sin, 0, -mu), (0, 1, 0), (0.5, 0.5), False)
+    body = OrderScene(
+        large_slab(20, half_width), 1.0, albedo, 1 - albedo, 0.0, camera, [lamp], regions=(1, 1)
+    )
+    found = passes(body, 16, estimator=TUBES, light_bounces=0, effects=SINGLE)[0, 0, 0]
+    assert found == pytest.approx(one, rel=most)

@@ -767,19 +767,67 @@ static inline Lanes area_below(Lanes c, Lanes low, Lanes middle, Lanes high) {
 /* f is averaged over less than this part of its range: the chord is as good. */
 static const float SOFT_MIN = 1e-3f;
 
+/* How far light along w has come, about, where most of what the segment sees of the tubes meets it.
+ * On the zero curve, whether or not it runs through the triangle: neighbours, of which each covers
+ * a part of what light is averaged over, must agree on how wide that is. */
+static inline Lanes way_in_sight(const Tubes *tubes, const Query *q, Lanes3 w, float sigma_t) {
+    const Lanes one = lanes_set(1.0f), tiny = lanes_set(1e-30f);
+    const Lanes3 d = set3(q->d), o = set3(q->o);
+    const Lanes3 n = cross3(d, w), turned = cross3(n, d);
+    const Lanes *f = tubes->f;
+    const Lanes mean = (f[0] + f[1] + f[2]) * (1.0f / 3.0f);
+    Lanes square = tiny, along2 = tiny;
+    for (int k = 0; k < 3; ++k) {
+        const Lanes off = f[k] - mean, along = f[(k + 1) % 3] - f[(k + 2) % 3];
+        square += off * off;
+        along2 += along * along;
+    }
+    /* s and t of the meeting, linear over the triangle: at the point of the zero curve nearest to
+     * its middle, and their change along the curve. */
+    Lanes s = lanes_set(0.0f), t = s, ds = s, dt = s, first = one / tiny, last = -first;
+    for (int k = 0; k < 3; ++k) {
+        Meeting m = {.from = sub3(row3(tubes, k, CORNER_X), o), .w = row3(tubes, k, CORNER_W)};
+        meet(&m, n, turned);
+        const Lanes inverse = 1.0f / lanes_max(m.over, lanes_set(SIN2_MIN));
+        const Lanes part = 1.0f / 3.0f - mean * (f[k] - mean) / square;
+        const Lanes step = (f[(k + 1) % 3] - f[(k + 2) % 3]) / along2;
+        s += part * m.depth * inverse;
+        t += part * m.along * inverse;
+        ds += step * along2 * m.depth * inverse;
+        dt += step * along2 * m.along * inverse;
+        first = lanes_min(first, step);
+        last = lanes_max(last, step);
+    }
+    const Lanes s0 = s + first * ds, s1 = s + last * ds;
+    const Lanes t0 = t + first * dt, t1 = t + last * dt;
+    const Lanes inside0[CLIP_COUNT] = {t0 - q->near, q->far - t0, s0, one};
+    const Lanes inside1[CLIP_COUNT] = {t1 - q->near, q->far - t1, s1, one};
+    Lanes q0, q1;
+    clip(inside0, inside1, &q0, &q1);
+    /* What fades by exp(-x) has its middle at this part of the way. */
+    const Lanes change = sigma_t * (q1 - q0) * (s1 + t1 - s0 - t0);
+    const Lanes x = lanes_max(abs_lanes(change), lanes_set(1e-3f));
+    const Lanes left = lanes_exp_negative(-x);
+    const Lanes near = lanes_select(x > 0.1f, 1.0f / x - left / (1.0f - left), 0.5f - x / 12.0f);
+    const Lanes u = lanes_select(change > 0.0f, near, 1.0f - near);
+    return lanes_max(lerp(s0, s1, q0 + u * (q1 - q0)), lanes_set(0.0f));
+}
+
 /* Averages delta(f) over a source with an extent. Where the source moves, f moves along by as much
  * as w does, so delta becomes a box of the half width that gives the same variance, and its mean
  * over a triangle a difference of areas. Everything else is taken on the chord in the middle of
  * what is covered, on which f becomes zero; turns the tubes for it. */
-static inline Lanes soften_tubes(Tubes *tubes, const TubeLight *light, const Query *q) {
-    const Lanes3 direction = set3(q->d);
+static inline Lanes soften_tubes(Tubes *tubes, const TubeLight *light, const Query *q,
+                                 float sigma_t) {
     const Lanes third = lanes_set(1.0f / 3.0f), zero = lanes_set(0.0f);
     const Lanes3 x = scale3(
         add3(add3(row3(tubes, 0, CORNER_X), row3(tubes, 1, CORNER_X)), row3(tubes, 2, CORNER_X)),
         third);
     const Lanes3 w = normalize3(
         add3(add3(row3(tubes, 0, CORNER_W), row3(tubes, 1, CORNER_W)), row3(tubes, 2, CORNER_W)));
-    const Lanes3 d = light_direction(light, x), across = cross3(direction, sub3(x, set3(q->o)));
+    const Lanes3 d = light_direction(light, x);
+    /* From the ray to where light that meets it begins. */
+    const Lanes3 across = scale3(cross3(w, set3(q->d)), way_in_sight(tubes, q, w, sigma_t));
     const Lanes3 from = sub3(x, set3(light->origin));
     const Lanes eta = lanes_set(light->eta);
     Lanes3 n = {zero, zero, zero};
@@ -811,14 +859,17 @@ static inline Lanes soften_tubes(Tubes *tubes, const TubeLight *light, const Que
         tubes->f[k] -= level;
     const Tubes before = *tubes;
     turn_tubes(&before, tubes);
-    return covered / lanes_max(2.0f * half, lanes_set(1e-30f));
+    const Lanes tiny = lanes_set(1e-30f);
+    const Lanes gaps = (tubes->f[0] - tubes->f[1]) * (tubes->f[0] - tubes->f[2]);
+    const Lanes sharp = 2.0f * abs_lanes(tubes->f[0]) / lanes_max(abs_lanes(gaps), tiny);
+    return lanes_select(is_sharp, sharp, covered / lanes_max(2.0f * half, tiny));
 }
 
 /* Adds what tubes send that are crossed, or nearly. */
 static inline void gather_crossed(Tubes *tubes, const TubeTree *tree, const Medium *medium,
                                   const Query *q, Sums *sums) {
     if (tree->blur > 0.0f) {
-        const Lanes density = soften_tubes(tubes, &tree->light, q);
+        const Lanes density = soften_tubes(tubes, &tree->light, q, rgb_mean(medium->sigma_t));
         gather_tubes(tubes, &density, &tree->light, medium, q, sums);
     } else {
         gather_tubes(tubes, NULL, &tree->light, medium, q, sums);
