@@ -9,8 +9,12 @@
 enum {
     LEAF = 8,       /* photons of a block */
     TOP_LEVELS = 6, /* divided level by level, side by side; below, whole subtrees are */
-    DEPTH_MAX = 64
+    DEPTH_MAX = 64,
+    AXIS_SIZE = 3
 };
+
+/* Of the half-axes of photons that are divided by place. */
+static const float SIZE_RANGE = 4.0f;
 
 /* Photons of faces that turn away from each other more than this do not mix. */
 static const float NORMAL_COS_MIN = 0.5f;
@@ -33,8 +37,15 @@ static float component(Vec3 a, int axis) {
     return axis == 0 ? a.x : axis == 1 ? a.y : a.z;
 }
 
+/* By place, or by size: the longer half-axis is the shorter covector's. */
+static float photon_key(const CausticPhoton *photon, int axis) {
+    if (axis < AXIS_SIZE)
+        return component(photon->p, axis);
+    return 1.0f / fminf(vec3_dot(photon->u, photon->u), vec3_dot(photon->v, photon->v));
+}
+
 static bool photon_before(const CausticPhoton *a, const CausticPhoton *b, int axis) {
-    return component(a->p, axis) < component(b->p, axis);
+    return photon_key(a, axis) < photon_key(b, axis);
 }
 
 /* Moves the `rank` first photons along the axis to the front (Hoare's selection). */
@@ -66,12 +77,20 @@ static uint64_t block_end(const CausticTree *tree, uint64_t block) {
     return end < tree->photon_count ? end : tree->photon_count;
 }
 
+/* What photons are halved by. A few wide kernels would widen the boxes of all narrow ones around
+ * them: sizes are told apart first. */
 static int longest_axis(const CausticPhoton *photons, uint64_t count) {
     Vec3 low = photons[0].p, high = low;
+    float least = photon_key(&photons[0], AXIS_SIZE), most = least;
     for (uint64_t i = 1; i < count; ++i) {
         low = vec3_min(low, photons[i].p);
         high = vec3_max(high, photons[i].p);
+        const float size = photon_key(&photons[i], AXIS_SIZE);
+        least = fminf(least, size);
+        most = fmaxf(most, size);
     }
+    if (most > SIZE_RANGE * SIZE_RANGE * least)
+        return AXIS_SIZE;
     const Vec3 side = vec3_sub(high, low);
     const int axis = side.y > side.x ? 1 : 0;
     return side.z > component(side, axis) ? 2 : axis;

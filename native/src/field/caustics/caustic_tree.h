@@ -26,7 +26,8 @@ typedef struct CausticTree {
     uint64_t photon_count, block_count;
 } CausticTree;
 
-/* Sorts the photons in place: halves at the median along the longest side, on multiples of eight.
+/* Sorts the photons in place: halves at the median of their size, as long as sizes differ by much,
+ * then at the median along the longest side, on multiples of eight.
  * The tree takes them over; on failure they are freed. The order depends on them alone, never on
  * threads. photon_count >= 1. */
 AmbStatus caustic_tree_build(CausticPhoton *photons, uint64_t photon_count, Job *job,

@@ -196,6 +196,18 @@ static inline void gather_block(const PointBlock *block, const Medium *medium, c
     sums->frequency += total * lanes_load(block->frequency);
 }
 
+enum { CACHE_LINE = 64 };
+
+/* A field is larger than any cache, and what a segment meets lies all over it: waiting for memory
+ * is most of a gather, unless several waits go on at once. */
+static inline void prefetch_child(const PointTree *tree, int32_t child) {
+    const char *begin =
+        child < 0 ? (const char *)&tree->blocks[~child] : (const char *)&tree->nodes[child];
+    const size_t size = child < 0 ? sizeof(PointBlock) : sizeof(PointNode);
+    for (size_t at = 0; at < size; at += CACHE_LINE)
+        __builtin_prefetch(begin + at);
+}
+
 FieldRadiance AMB_POINT_GATHER(const PointTree *tree, const Medium *medium, Vec3 o, Vec3 d,
                                float length) {
     Query q = {{o.x, o.y, o.z}, {d.x, d.y, d.z}, {0, 0, 0}, length};
@@ -212,6 +224,8 @@ FieldRadiance AMB_POINT_GATHER(const PointTree *tree, const Medium *medium, Vec3
     while (depth > 0) {
         const PointNode *node = &tree->nodes[stack[--depth]];
         uint32_t mask = boxes_hit(node, &q);
+        for (uint32_t rest = mask; rest != 0; rest &= rest - 1)
+            prefetch_child(tree, node->child[__builtin_ctz(rest)]);
         while (mask != 0) {
             const int i = __builtin_ctz(mask);
             mask &= mask - 1;
