@@ -143,7 +143,8 @@ static double integrate(const CausticMap *map, double a, double b) {
             const double y = b * (2.0 * (j + 0.5) / EDGE - 1.0);
             if (fabs(x) > a || fabs(y) > a)
                 sum +=
-                    (double)caustics_irradiance(map, vec3((float)x, (float)y, 0), vec3(0, 0, 1)).g;
+                    (double)caustics_irradiance(map, vec3((float)x, (float)y, 0), vec3(0, 0, 1), 0)
+                        .g;
         }
     return sum * 4.0 * b * b / ((double)EDGE * EDGE);
 }
@@ -160,10 +161,43 @@ static void flux_is_kept(void) {
         ENSURE_NEAR(sum / account.landed[1], 1.0, 2e-3);
         /* Most of what falls on the ball, pi, less what it absorbs and reflects upwards. */
         ENSURE(account.landed[1] > 0.5 * PI && account.landed[1] < PI);
-        ENSURE_NEAR(caustics_irradiance(map, vec3(0, 0, 0), vec3(0, 0, -1)).g, 0.0, 0.0);
+        ENSURE_NEAR(caustics_irradiance(map, vec3(0, 0, 0), vec3(0, 0, -1), 0).g, 0.0, 0.0);
         caustics_destroy(map);
         amb_scene_destroy(scene);
     }
+}
+
+/* What one part says is noise about the whole: over the parts the mean is what it was undivided. */
+static void parts_add_up(void) {
+    AmbScene *scene = ball_on_floor(0.05f);
+    Job job;
+    job_init(&job, 2);
+    CausticParams divided = params(20000);
+    divided.part_count = 4;
+    CausticMap *parts = NULL, *whole = create(scene, 20000, 2);
+    ENSURE_STATUS(caustics_create(scene, &divided, &job, &parts), AMB_OK);
+    ENSURE(caustics_account(parts).photon_count == caustics_account(whole).photon_count);
+    const Vec3 n = vec3(0, 0, 1);
+    uint64_t state = 5;
+    double worst = 0.0, all = 0.0, differ = 0.0;
+    for (int i = 0; i < 2000; ++i) {
+        const Vec3 p = vec3(uniform(&state, -1, 1), uniform(&state, -1, 1), 0.0f);
+        const double expected = (double)caustics_irradiance(whole, p, n, 0).g;
+        double mean = 0.0;
+        for (uint32_t k = 1; k <= 4; ++k) {
+            const double part = (double)caustics_irradiance(parts, p, n, k).g;
+            mean += 0.25 * part;
+            differ += fabs(part - expected) / (4 * 2000);
+        }
+        all += expected / 2000;
+        worst = test_worse(worst, fabs(mean - expected));
+        worst = test_worse(worst, fabs((double)caustics_irradiance(parts, p, n, 0).g - expected));
+    }
+    ENSURE_NEAR(worst / all, 0.0, 1e-4);
+    ENSURE(differ > 0.05 * all);
+    caustics_destroy(parts);
+    caustics_destroy(whole);
+    amb_scene_destroy(scene);
 }
 
 static void threads_do_not_matter(void) {
@@ -175,8 +209,8 @@ static void threads_do_not_matter(void) {
     uint64_t state = 3;
     for (int i = 0; i < 2000; ++i) {
         const Vec3 p = vec3(uniform(&state, -2, 2), uniform(&state, -2, 2), 0.0f);
-        const Rgb x = caustics_irradiance(one, p, vec3(0, 0, 1));
-        const Rgb y = caustics_irradiance(three, p, vec3(0, 0, 1));
+        const Rgb x = caustics_irradiance(one, p, vec3(0, 0, 1), 0);
+        const Rgb y = caustics_irradiance(three, p, vec3(0, 0, 1), 0);
         is_same = is_same && memcmp(&x, &y, sizeof x) == 0;
     }
     ENSURE(is_same);
@@ -215,6 +249,7 @@ void test_caustics(void);
 void test_caustics(void) {
     RUN(tree_is_a_sum);
     RUN(flux_is_kept);
+    RUN(parts_add_up);
     RUN(threads_do_not_matter);
     RUN(failures_leave_nothing);
 }

@@ -466,7 +466,8 @@ static const Medium THIN = {
 static void points_tile_a_beam(void) {
     for (int count = 1; count <= 40; count += 13) {
         LightBeam beam = straight_beam(7.0f, 0.01f);
-        PointCloud cloud = place(&beam, 1, &THIN, (PointParams){true, 16.0f, 7.0f / (float)count});
+        PointCloud cloud =
+            place(&beam, 1, &THIN, (PointParams){true, 16.0f, 7.0f / (float)count, 0, 0});
         ENSURE(cloud.sample_count == (uint64_t)count);
         ENSURE(points_bytes(&cloud) > 0);
         const double radius = sqrt(0.6 * 16.0 * 0.01 / PI);
@@ -488,7 +489,7 @@ static void points_reach_to_a_tilted_boundary(void) {
     LightBeam beam = straight_beam(7.0f, 0.01f);
     beam.start_slope = 1.0f;
     beam.end_slope = 1e6f;
-    PointCloud cloud = place(&beam, 1, &THIN, (PointParams){true, 16.0f, 1.0f});
+    PointCloud cloud = place(&beam, 1, &THIN, (PointParams){true, 16.0f, 1.0f, 0, 0});
     const float radius = sqrtf(0.6f * 16.0f * 0.01f / 3.14159265f);
     ENSURE(across(&cloud, -0.98f * radius) > 0.0 && across(&cloud, -1.02f * radius) == 0.0);
     /* At grazing incidence the reach is bounded. */
@@ -510,7 +511,7 @@ static void points_follow_the_covariance(void) {
     static const float binomial[5] = {1, 4, 6, 4, 1};
     for (int i = 0; i < 5; ++i)
         beam.spread.coefficients[i] = a2 * binomial[i] * powf(-0.25f, (float)i);
-    PointCloud cloud = place(&beam, 1, &clear, (PointParams){true, 10.0f, 0.1f});
+    PointCloud cloud = place(&beam, 1, &clear, (PointParams){true, 10.0f, 0.1f, 0, 0});
     ENSURE(cloud.sample_count == 80);
     for (int i = 0; i < 80; ++i) {
         const double s = 0.05 + 0.1 * i, width = 1.0 - s / 4.0;
@@ -526,7 +527,7 @@ static void points_follow_the_covariance(void) {
     LightBeam beams[2] = {straight_beam(1.0f, 0.01f), straight_beam(1.0f, 0.04f)};
     beams[0].flux = rgb(3, 3, 3);
     beams[1].origin = vec3(0, 10, 0);
-    cloud = place(beams, 2, &clear, (PointParams){false, 10.0f, 0.1f});
+    cloud = place(beams, 2, &clear, (PointParams){false, 10.0f, 0.1f, 0, 0});
     ENSURE_NEAR(radius_at(&cloud, 0.55f) * 3.0 / sqrt(10.0 * 0.0175 / PI), 1.0, 1e-4);
     points_clear(&cloud);
 }
@@ -553,7 +554,8 @@ static void points_do_not_depend_on_the_cut(void) {
         FieldRadiance cuts[3];
         static const float spacings[3] = {0.02f, 0.3f, 100.0f};
         for (int i = 0; i < 3; ++i) {
-            PointCloud cloud = place(beams, 4, &medium, (PointParams){false, 4.0f, spacings[i]});
+            PointCloud cloud =
+                place(beams, 4, &medium, (PointParams){false, 4.0f, spacings[i], 0, 0});
             cuts[i] = points_gather(&cloud, s.o, s.d, s.length);
             points_clear(&cloud);
         }
@@ -566,6 +568,41 @@ static void points_do_not_depend_on_the_cut(void) {
     }
     ENSURE_NEAR(worst_thin, 0.0, 1e-4);
     ENSURE_NEAR(worst, 0.0, 1e-4);
+}
+
+/* Parts are of the beams, each of one part: their sum is the whole. */
+static void parts_add_up(void) {
+    enum { BEAMS = 64, PARTS = 4 };
+    uint64_t state = 8;
+    LightBeam beams[BEAMS];
+    for (int i = 0; i < BEAMS; ++i) {
+        beams[i] = straight_beam((float)test_uniform(&state, 0.5, 4.0), 0.05f);
+        beams[i].origin = random_point(&state, 0.1);
+        beams[i].direction = random_direction(&state);
+        beams[i].rank = (float)test_uniform(&state, 0.0, 0.999);
+    }
+    PointCloud whole = place(beams, BEAMS, &THIN, (PointParams){true, 16.0f, 0.3f, 0, 0});
+    PointCloud parts[PARTS];
+    uint64_t count = 0;
+    for (uint32_t k = 0; k < PARTS; ++k) {
+        parts[k] = place(beams, BEAMS, &THIN, (PointParams){true, 16.0f, 0.3f, k, PARTS});
+        ENSURE(parts[k].sample_count > 0 && parts[k].sample_count < whole.sample_count);
+        count += parts[k].sample_count;
+    }
+    ENSURE(count == whole.sample_count);
+    double worst = 0.0;
+    for (int trial = 0; trial < 200; ++trial) {
+        const Vec3 o = random_point(&state, 0.5), d = random_direction(&state);
+        const double expected = (double)points_gather(&whole, o, d, 3.0f).radiance.g;
+        double sum = 0.0;
+        for (uint32_t k = 0; k < PARTS; ++k)
+            sum += (double)points_gather(&parts[k], o, d, 3.0f).radiance.g;
+        worst = test_worse(worst, expected > 0.0 ? fabs(sum / expected - 1.0) : sum);
+    }
+    ENSURE_NEAR(worst, 0.0, 1e-4);
+    for (uint32_t k = 0; k < PARTS; ++k)
+        points_clear(&parts[k]);
+    points_clear(&whole);
 }
 
 /* ---- Limits ---------------------------------------------------------------------------------- */
@@ -641,7 +678,7 @@ static void field_without_light_is_dark(void) {
     job_init(&job, 1);
     Field *field = NULL;
     ENSURE_STATUS(field_create(&scene, &light, &params, &job, &field), AMB_OK);
-    const FieldSegment segment = {{0, 0, 0}, {0, 0, 1}, 1.0f, 0};
+    const FieldSegment segment = {{0, 0, 0}, {0, 0, 1}, 1.0f, 0, 0};
     const FieldRadiance out = field_gather(field, &segment);
     ENSURE(out.contribution == 0.0f && out.frequency == 0.0f && rgb_max(out.radiance) == 0.0f);
     ENSURE(field_sample_count(field) == 0);
@@ -687,6 +724,7 @@ void test_gather(void) {
     RUN(points_reach_to_a_tilted_boundary);
     RUN(points_follow_the_covariance);
     RUN(points_do_not_depend_on_the_cut);
+    RUN(parts_add_up);
     RUN(gather_is_finite_at_the_limits);
     RUN(gather_skips_what_is_beside_the_segment);
     RUN(field_without_light_is_dark);

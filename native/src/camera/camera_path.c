@@ -21,21 +21,25 @@ typedef struct Branch {
 static void pass_medium(Walker *walker, Branch *branch, float length) {
     const Medium *medium = &medium_stack_material(walker->scene, &branch->stack)->medium;
     const FieldSegment segment = {vec3_madd(branch->o, -branch->before, branch->d), branch->d,
-                                  branch->before + length, medium_stack_top(&branch->stack)};
+                                  branch->before + length, medium_stack_top(&branch->stack),
+                                  walker->part};
     if (walker->observer != NULL && medium_scatters(medium))
         walker->observer->see_medium(walker->observer->user, &branch->way, &segment, 0,
                                      branch->throughput);
-    if (walker->field != NULL && medium_scatters(medium) &&
-        (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0) {
+    const bool is_wanted = walker->field != NULL && medium_scatters(medium) &&
+                           (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0;
+    const float gathers = is_wanted ? walker_gathers(walker, branch->throughput) : 0.0f;
+    if (gathers > 0.0f) {
+        const Rgb throughput = rgb_scale(branch->throughput, gathers);
         const FieldRadiance gathered = walker->has_frequency
                                            ? field_gather_frequency(walker->field, &segment)
                                            : field_gather(walker->field, &segment);
         CameraSample *out = walker->out;
-        const Rgb single = rgb_mul(branch->throughput, gathered.radiance);
+        const Rgb single = rgb_mul(throughput, gathered.radiance);
         out->orders[0] = rgb_add(out->orders[0], single);
         walker_note(walker, &branch->way, single);
         if (walker->has_frequency) {
-            const float weight = rgb_mean(branch->throughput);
+            const float weight = rgb_mean(throughput);
             out->frequency += weight * gathered.frequency;
             out->contribution += weight * gathered.contribution;
         }
@@ -155,6 +159,16 @@ static void follow(Walker *walker, Branch branch) {
                 shade_diffuse(walker, &arrival.crossing.surface, branch.d, &branch.stack, glow));
 }
 
+/* Neighbouring pixels begin with different parts: then what one sample lacks is noise. */
+static uint32_t choose_part(const CameraParams *params, Rng pixel_rng, uint32_t index) {
+    if (params->part_count <= 1)
+        return 0;
+    const uint32_t replica = index % params->replicas;
+    const float shift = rng_float(pixel_rng, 2 * params->replicas + replica);
+    const uint32_t first = (uint32_t)(shift * (float)params->part_count);
+    return 1 + (first + index / params->replicas) % params->part_count;
+}
+
 static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
                                  const CameraObserver *observer, const CameraParams *params,
                                  uint32_t x, uint32_t y, uint32_t index, bool has_frequency) {
@@ -171,6 +185,7 @@ static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
                      .rng = {rng_mix(pixel_rng.key + index + 1)},
                      .out = &sample,
                      .observer = observer,
+                     .part = choose_part(params, pixel_rng, index),
                      .has_frequency = has_frequency};
     const Sample2 lens = walker_random2(&walker);
     const CameraRay ray = camera_ray(&scene->camera, ((float)x + jitter.u) / (float)params->width,

@@ -236,7 +236,8 @@ static void gather(Walk *walk, float length) {
     const Walker *walker = walk->walker;
     if (walk->order == 0 || !wants_order(walker->params, walk->order + 1))
         return;
-    const FieldSegment segment = {walk->o, walk->d, length, medium_stack_top(&walk->stack)};
+    const FieldSegment segment = {walk->o, walk->d, length, medium_stack_top(&walk->stack),
+                                  walker->part};
     if (walker->observer != NULL)
         walker->observer->see_medium(walker->observer->user, &walker->way, &segment, walk->order,
                                      walk->throughput);
@@ -249,7 +250,8 @@ static void gather(Walk *walk, float length) {
  * but what the walls reflect. */
 static void gather_later(Walk *walk, float length) {
     const CameraParams *params = walk->walker->params;
-    const FieldSegment segment = {walk->o, walk->d, length, medium_stack_top(&walk->stack)};
+    const FieldSegment segment = {walk->o, walk->d, length, medium_stack_top(&walk->stack),
+                                  walk->walker->part};
     const ScatterRadiance radiance = scatter_gather(params->scatter, &segment);
     if ((params->effects & AMB_EFFECT_WORLD_LIGHT) != 0 && wants_order(params, 1))
         add(walk, 1, radiance.once);

@@ -38,7 +38,8 @@ static Rgb lamp_irradiance(Walker *walker, const SurfacePoint *surface, const Me
     }
     const CausticMap *caustics = walker->params->caustics;
     if (caustics != NULL)
-        irradiance = rgb_add(irradiance, caustics_irradiance(caustics, surface->p, ng));
+        irradiance =
+            rgb_add(irradiance, caustics_irradiance(caustics, surface->p, ng, walker->part));
     return irradiance;
 }
 
@@ -55,11 +56,15 @@ static void pass_medium(Walker *walker, LightPath *path, float length, Rgb glow)
     const Medium *medium = &medium_stack_material(walker->scene, &path->stack)->medium;
     const Rgb throughput = rgb_mul(path->weight, glow);
     if (medium_scatters(medium) && rgb_max(throughput) > 0.0f) {
-        if (walker->field != NULL &&
-            (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0) {
-            const FieldSegment segment = {path->o, path->d, length, medium_stack_top(&path->stack)};
+        const bool is_wanted =
+            walker->field != NULL && (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0;
+        const float gathers = is_wanted ? walker_gathers(walker, throughput) : 0.0f;
+        if (gathers > 0.0f) {
+            const FieldSegment segment = {path->o, path->d, length, medium_stack_top(&path->stack),
+                                          walker->part};
             Rgb *single = &walker->out->orders[0];
-            *single = rgb_madd(*single, throughput, field_gather(walker->field, &segment).radiance);
+            *single = rgb_madd(*single, rgb_scale(throughput, gathers),
+                               field_gather(walker->field, &segment).radiance);
         }
         /* As along the camera's path: what walls reflect goes on in the walk. */
         if (path->bounces == 0 && walk_is_wanted(walker->params))

@@ -9,6 +9,10 @@
 /* Branches with less throughput survive by chance in proportion: unbiased. */
 #define WALKER_ROULETTE_THROUGHPUT 0.01f
 
+/* The same for gathers from the light field, which cost what many rays do: what is gathered along
+ * later branches is little beside what the first ones gather. */
+#define WALKER_GATHER_THROUGHPUT 0.05f
+
 typedef struct Walker {
     const AmbScene *scene;
     const Field *field; /* NULL: no lamp's light scatters */
@@ -18,6 +22,7 @@ typedef struct Walker {
     CameraSample *out;
     const CameraObserver *observer; /* NULL: what is seen is summed up in out */
     CameraWay way;                  /* of a walk's beginning */
+    uint32_t part;                  /* of the light field, as FieldSegment's */
     bool has_frequency;             /* see camera_sample */
 } Walker;
 
@@ -40,6 +45,15 @@ static inline float walker_random(Walker *walker) {
 static inline Sample2 walker_random2(Walker *walker) {
     const float u = walker_random(walker);
     return (Sample2){u, walker_random(walker)};
+}
+
+/* Whether to gather for a path of this throughput, and as how much: 0 is never, by chance. */
+static inline float walker_gathers(Walker *walker, Rgb throughput) {
+    const float strongest = rgb_max(throughput);
+    if (walker->params->part_count <= 1 || strongest >= WALKER_GATHER_THROUGHPUT)
+        return 1.0f;
+    const float chance = strongest / WALKER_GATHER_THROUGHPUT;
+    return walker_random(walker) < chance ? 1.0f / chance : 0.0f;
 }
 
 static inline Rgb rgb_madd(Rgb a, Rgb b, Rgb c) {

@@ -12,8 +12,9 @@
 struct Field {
     uint32_t object_count;
     atomic_uint_least64_t *nonfinite; /* by object */
-    PointCloud *clouds;               /* by object; the point estimators */
-    TubeField *tubes;                 /* by object; TUBES, else NULL */
+    PointCloud *clouds;               /* by object and part; the point estimators */
+    uint32_t part_count;
+    TubeField *tubes; /* by object; TUBES, else NULL */
     TubeCount tube_count;
     SpecularField *specular; /* by object; SPECULAR, else NULL */
     SpecularCount specular_count;
@@ -25,22 +26,28 @@ static bool is_target(const FieldParams *params, uint32_t object) {
 
 static AmbStatus create_points(const AmbScene *scene, const LightField *light,
                                const FieldParams *params, Job *job, Field *field) {
-    field->clouds = memory_zero_array(scene->object_count, sizeof(PointCloud));
+    field->part_count = params->part_count > 0 ? params->part_count : 1;
+    field->clouds =
+        memory_zero_array((uint64_t)scene->object_count * field->part_count, sizeof(PointCloud));
     if (field->clouds == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light field");
     double total_length = 0.0;
     for (uint32_t o = 0; o < light->object_count; ++o)
         for (uint64_t i = 0; i < light->objects[o].count; ++i)
             total_length += (double)light->objects[o].beams[i].length;
-    const PointParams point_params = {
-        .follows_covariance = params->estimator == AMB_ESTIMATOR_POINTS_COVARIANCE,
-        .kernel_size = params->kernel_size,
-        .spacing = (float)(total_length / (double)params->sample_target)};
+    PointParams point_params = {.follows_covariance =
+                                    params->estimator == AMB_ESTIMATOR_POINTS_COVARIANCE,
+                                .kernel_size = params->kernel_size,
+                                .spacing = (float)(total_length / (double)params->sample_target),
+                                .part_count = field->part_count};
     for (uint32_t o = 0; o < scene->object_count; ++o)
         if (light->objects[o].count > 0 && is_target(params, o)) {
             const Medium *medium = &scene->materials[scene->objects[o].inside].medium;
-            AMB_TRY(
-                points_build(&light->objects[o], medium, &point_params, job, &field->clouds[o]));
+            for (uint32_t k = 0; k < field->part_count; ++k) {
+                point_params.part = k;
+                AMB_TRY(points_build(&light->objects[o], medium, &point_params, job,
+                                     &field->clouds[o * field->part_count + k]));
+            }
         }
     return AMB_OK;
 }
@@ -106,8 +113,8 @@ void field_destroy(Field *field) {
     if (field == NULL)
         return;
     for (uint32_t o = 0; o < field->object_count; ++o) {
-        if (field->clouds != NULL)
-            points_clear(&field->clouds[o]);
+        for (uint32_t k = 0; field->clouds != NULL && k < field->part_count; ++k)
+            points_clear(&field->clouds[o * field->part_count + k]);
         if (field->tubes != NULL)
             tubes_clear(&field->tubes[o]);
         if (field->specular != NULL)
@@ -120,6 +127,23 @@ void field_destroy(Field *field) {
     memory_free(field);
 }
 
+static FieldRadiance gather_points(const Field *field, const FieldSegment *segment) {
+    const PointCloud *clouds = &field->clouds[segment->object * field->part_count];
+    const bool is_part = segment->part > 0 && field->part_count > 1;
+    const float scale = is_part ? (float)field->part_count : 1.0f;
+    FieldRadiance sum = {.radiance = {0, 0, 0}};
+    for (uint32_t k = 0; k < field->part_count; ++k) {
+        if (clouds[k].sample_count == 0 || (is_part && segment->part != k + 1))
+            continue;
+        const FieldRadiance part =
+            points_gather(&clouds[k], segment->o, segment->d, segment->length);
+        sum.radiance = rgb_add(sum.radiance, rgb_scale(part.radiance, scale));
+        sum.frequency += scale * part.frequency;
+        sum.contribution += scale * part.contribution;
+    }
+    return sum;
+}
+
 static FieldRadiance gather(const Field *field, const FieldSegment *segment, bool has_frequency) {
     const uint32_t o = segment->object;
     if (field->tubes != NULL && field->tubes[o].tube_count > 0)
@@ -127,8 +151,8 @@ static FieldRadiance gather(const Field *field, const FieldSegment *segment, boo
                             has_frequency);
     if (field->specular != NULL && field->specular[o].tree.cell_count > 0)
         return specular_gather(&field->specular[o], segment->o, segment->d, segment->length);
-    if (field->clouds != NULL && field->clouds[o].sample_count > 0)
-        return points_gather(&field->clouds[o], segment->o, segment->d, segment->length);
+    if (field->clouds != NULL)
+        return gather_points(field, segment);
     return (FieldRadiance){.radiance = {0, 0, 0}};
 }
 
@@ -155,19 +179,27 @@ uint64_t field_nonfinite(const Field *field, uint32_t object) {
 
 uint64_t field_bytes(const Field *field) {
     uint64_t bytes = 0;
-    for (uint32_t o = 0; o < field->object_count; ++o)
-        bytes += field->tubes != NULL      ? tubes_bytes(&field->tubes[o])
-                 : field->specular != NULL ? specular_bytes(&field->specular[o])
-                                           : points_bytes(&field->clouds[o]);
+    for (uint32_t o = 0; o < field->object_count; ++o) {
+        if (field->tubes != NULL)
+            bytes += tubes_bytes(&field->tubes[o]);
+        else if (field->specular != NULL)
+            bytes += specular_bytes(&field->specular[o]);
+        for (uint32_t k = 0; field->clouds != NULL && k < field->part_count; ++k)
+            bytes += points_bytes(&field->clouds[o * field->part_count + k]);
+    }
     return bytes;
 }
 
 uint64_t field_sample_count(const Field *field) {
     uint64_t count = 0;
-    for (uint32_t o = 0; o < field->object_count; ++o)
-        count += field->tubes != NULL      ? field->tubes[o].tube_count
-                 : field->specular != NULL ? field->specular[o].tree.cell_count
-                                           : field->clouds[o].sample_count;
+    for (uint32_t o = 0; o < field->object_count; ++o) {
+        if (field->tubes != NULL)
+            count += field->tubes[o].tube_count;
+        else if (field->specular != NULL)
+            count += field->specular[o].tree.cell_count;
+        for (uint32_t k = 0; field->clouds != NULL && k < field->part_count; ++k)
+            count += field->clouds[o * field->part_count + k].sample_count;
+    }
     return count;
 }
 

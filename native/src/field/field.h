@@ -13,6 +13,7 @@ typedef struct FieldParams {
     float kernel_size;        /* points: C_k of [Liang19] eq. 8 */
     uint32_t tube_refinement; /* tubes: each triangle is halved that many times along its edges */
     uint32_t light_bounces;   /* tubes: internal reflections to follow; points as above */
+    uint32_t part_count;      /* points: parts that can be gathered one at a time; 0: one */
     const bool *targets;      /* by object: those that have a field; NULL: all */
     bool adjoint_normals;     /* tubes and specular: see BoundaryCrossing; points have it from the
                                * light pass */
@@ -23,6 +24,8 @@ typedef struct FieldSegment {
     Vec3 o, d;       /* d unit, direction of travel away from the camera */
     float length;    /* m, finite */
     uint32_t object; /* whose medium */
+    uint32_t part;   /* 0: all light; k: that of part k of the field, as if it were all: over the
+                      * parts the mean is the whole */
 } FieldSegment;
 
 typedef struct FieldRadiance {

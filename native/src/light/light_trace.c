@@ -126,6 +126,11 @@ static float slope(float cosine) {
     return safe_sqrtf(1.0f - c * c) / c;
 }
 
+/* The rank among the rays that a branch goes on in. */
+static float rank_left(const Branch *branch) {
+    return fminf(branch->rank * branch->stands_for, 1.0f - 0x1p-24f);
+}
+
 /* Emits the stretch of a branch inside a medium and attenuates it to its end. */
 static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, float length,
                            float end_slope, bool keeps_beams) {
@@ -147,6 +152,7 @@ static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, 
                           .length = visible,
                           .flux = branch->flux,
                           .spread = tangent_spread(branch->pairs, branch->d),
+                          .rank = rank_left(branch),
                           .bounces = (uint16_t)branch->bounces,
                           .has_passed = branch->has_passed,
                           .start_slope = branch->start_slope,
@@ -266,6 +272,7 @@ static AmbStatus land(Chunk *chunk, const Branch *branch, const SurfacePoint *su
         return AMB_OK;
     LightLanding landing = {.p = surface->p,
                             .n = vec3_scale(surface->ng, side),
+                            .rank = rank_left(branch),
                             .flux = rgb_scale(branch->flux, cos_shading / fabsf(cos_face))};
     const float width = sqrtf(branch->stands_for);
     for (int k = 0; k < TANGENT_COUNT; ++k)

@@ -17,6 +17,7 @@ typedef struct LightBeam {
     float cell_area;        /* the same of the lattice's cell alone, m^2; > 0. A source is sampled
                              * by a point of its own for each ray: its extent must not widen what
                              * the ray stands for */
+    float rank;             /* in [0, 1): beams of like rank are an even part of the lattice */
     uint16_t bounces;       /* internal reflections so far */
     bool has_passed; /* light that left one object and came into another, or the same again */
     float start_slope, end_slope; /* tan of the angle between the ray and the surface's normal at
@@ -31,9 +32,10 @@ typedef struct LightBeams {
 
 /* Where a light ray that a boundary has bent ends on an opaque surface. */
 typedef struct LightLanding {
-    Vec3 p, n; /* m; unit geometric normal on the side that the light comes from */
-    Rgb flux;  /* W; times cos to the shading normal / cos to n: so that flux / area is what the
-                * surface's own shading makes of light from there */
+    Vec3 p, n;  /* m; unit geometric normal on the side that the light comes from */
+    float rank; /* as that of a beam */
+    Rgb flux;   /* W; times cos to the shading normal / cos to n: so that flux / area is what the
+                 * surface's own shading makes of light from there */
     Vec3 footprint[TANGENT_COUNT]; /* in the surface's plane, full extents, m: two span the cell
                                     * of the lattice, two the extent of the source */
 } LightLanding;

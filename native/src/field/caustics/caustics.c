@@ -23,7 +23,8 @@ static const float SOURCE_VARIANCE = 0.1f;
 static const float SOURCE_OVERLAP_MAX = 200.0f;
 
 struct CausticMap {
-    CausticTree tree; /* no photons: empty */
+    CausticTree trees[CAUSTIC_PART_MAX]; /* no photons: empty */
+    uint32_t part_count;
     CausticAccount account;
 };
 
@@ -34,6 +35,7 @@ typedef struct Quadric {
 
 typedef struct Placement {
     const LightLanding *landings;
+    const uint64_t *chosen; /* their indices */
     const CausticParams *params;
     float axis; /* half-axis of the typical kernel, m */
     CausticPhoton *photons;
@@ -91,7 +93,7 @@ static AmbStatus place_photons(void *user, uint64_t begin, uint64_t end, uint32_
     (void)thread;
     const Placement *placement = user;
     for (uint64_t i = begin; i < end; ++i)
-        placement->photons[i] = place_photon(placement, &placement->landings[i]);
+        placement->photons[i] = place_photon(placement, &placement->landings[placement->chosen[i]]);
     return AMB_OK;
 }
 
@@ -110,9 +112,41 @@ static double typical_area(const LightField *light) {
     return weight > 0.0 ? exp(sum / weight) : 0.0;
 }
 
+/* The map's part of the photons. */
+static AmbStatus build_part(const LightField *light, Placement *placement, uint32_t part, Job *job,
+                            CausticMap *map) {
+    uint64_t *chosen = memory_alloc_array(light->landing_count, sizeof *chosen);
+    uint64_t count = 0;
+    for (uint64_t i = 0; chosen != NULL && i < light->landing_count; ++i)
+        if ((uint32_t)(light->landings[i].rank * (float)map->part_count) == part)
+            chosen[count++] = i;
+    AmbStatus status = AMB_OK;
+    placement->chosen = chosen;
+    placement->photons = NULL;
+    if (chosen != NULL && count > 0)
+        placement->photons = memory_alloc_array(count, sizeof *placement->photons);
+    if (chosen == NULL || (count > 0 && placement->photons == NULL))
+        status = status_fail(AMB_OUT_OF_MEMORY, "no memory for %llu caustic photons",
+                             (unsigned long long)light->landing_count);
+    if (status == AMB_OK)
+        status = parallel_for(job, count, GRAIN, place_photons, placement);
+    memory_free(chosen);
+    if (status != AMB_OK || count == 0) {
+        memory_free(placement->photons);
+        return status;
+    }
+    CausticTree *tree = &map->trees[part];
+    AMB_TRY(caustic_tree_build(placement->photons, count, job, tree));
+    map->account.photon_count += tree->photon_count;
+    map->account.bytes += tree->photon_count * sizeof(CausticPhoton) +
+                          (2 * tree->block_count - 1) * sizeof(CausticBox);
+    return AMB_OK;
+}
+
 static AmbStatus build(const LightField *light, const CausticParams *params, Job *job,
                        CausticMap *map) {
     map->account.ray_count = light->ray_count;
+    map->part_count = params->part_count > 0 ? params->part_count : 1;
     memcpy(map->account.landed, light->tally.landed, sizeof map->account.landed);
     const double area = typical_area(light);
     if (!(area > 0.0))
@@ -120,20 +154,8 @@ static AmbStatus build(const LightField *light, const CausticParams *params, Job
     Placement placement = {.landings = light->landings,
                            .params = params,
                            .axis = sqrtf(params->overlap * (float)area / AMB_PI)};
-    placement.photons = memory_alloc_array(light->landing_count, sizeof *placement.photons);
-    if (placement.photons == NULL)
-        return status_fail(AMB_OUT_OF_MEMORY, "no memory for %llu caustic photons",
-                           (unsigned long long)light->landing_count);
-    const AmbStatus status =
-        parallel_for(job, light->landing_count, GRAIN, place_photons, &placement);
-    if (status != AMB_OK) {
-        memory_free(placement.photons);
-        return status;
-    }
-    AMB_TRY(caustic_tree_build(placement.photons, light->landing_count, job, &map->tree));
-    map->account.photon_count = map->tree.photon_count;
-    map->account.bytes = map->tree.photon_count * sizeof(CausticPhoton) +
-                         (2 * map->tree.block_count - 1) * sizeof(CausticBox);
+    for (uint32_t k = 0; k < map->part_count; ++k)
+        AMB_TRY(build_part(light, &placement, k, job, map));
     return AMB_OK;
 }
 
@@ -150,7 +172,7 @@ AmbStatus caustics_create(const AmbScene *scene, const CausticParams *params, Jo
         light_field_clear(&light);
     }
     if (status != AMB_OK) {
-        memory_free(map);
+        caustics_destroy(map);
         return status;
     }
     *out_map = map;
@@ -160,12 +182,18 @@ AmbStatus caustics_create(const AmbScene *scene, const CausticParams *params, Jo
 void caustics_destroy(CausticMap *map) {
     if (map == NULL)
         return;
-    caustic_tree_clear(&map->tree);
+    for (uint32_t k = 0; k < map->part_count; ++k)
+        caustic_tree_clear(&map->trees[k]);
     memory_free(map);
 }
 
-Rgb caustics_irradiance(const CausticMap *map, Vec3 p, Vec3 n) {
-    return map->tree.photon_count > 0 ? caustic_tree_irradiance(&map->tree, p, n) : rgb(0, 0, 0);
+Rgb caustics_irradiance(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part) {
+    const bool is_part = part > 0 && map->part_count > 1;
+    Rgb sum = rgb(0, 0, 0);
+    for (uint32_t k = 0; k < map->part_count; ++k)
+        if (map->trees[k].photon_count > 0 && (!is_part || part == k + 1))
+            sum = rgb_add(sum, caustic_tree_irradiance(&map->trees[k], p, n));
+    return is_part ? rgb_scale(sum, (float)map->part_count) : sum;
 }
 
 CausticAccount caustics_account(const CausticMap *map) {

@@ -8,9 +8,12 @@
 
 typedef struct CausticMap CausticMap;
 
+enum { CAUSTIC_PART_MAX = 8 };
+
 typedef struct CausticParams {
     LightTraceParams light; /* lands */
     float overlap;          /* photons that cover a point where light is even */
+    uint32_t part_count;    /* 1 .. CAUSTIC_PART_MAX, as FieldParams'; 0: one */
 } CausticParams;
 
 typedef struct CausticAccount {
@@ -25,8 +28,8 @@ void caustics_destroy(CausticMap *map);
 
 /* Irradiance at a point of an opaque surface with unit geometric normal n, on n's side: what
  * boundaries refract there, or reflect. Light that goes straight on through boundaries between
- * equal indices is not in it. Any thread. */
-Rgb caustics_irradiance(const CausticMap *map, Vec3 p, Vec3 n);
+ * equal indices is not in it. part: as FieldSegment's. Any thread. */
+Rgb caustics_irradiance(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part);
 
 CausticAccount caustics_account(const CausticMap *map);
 

@@ -27,8 +27,12 @@ static double mean_cell_area(const LightBeams *beams) {
     return weight > 0.0 ? area / weight : 0.0;
 }
 
-static uint64_t samples_of(const LightBeam *beam, float spacing) {
-    const float count = roundf(beam->length / spacing);
+/* None of a beam that is not in the part. */
+static uint64_t samples_of(const LightBeam *beam, const PointParams *params) {
+    const uint32_t parts = params->part_count;
+    if (parts > 1 && (uint32_t)(beam->rank * (float)parts) != params->part)
+        return 0;
+    const float count = roundf(beam->length / params->spacing);
     return count > 1.0f ? (uint64_t)count : 1;
 }
 
@@ -76,7 +80,7 @@ static AmbStatus place_grain(void *user, uint64_t begin, uint64_t end, uint32_t 
     uint64_t next = placement->first[begin / BEAM_GRAIN];
     for (uint64_t i = begin; i < end; ++i) {
         const LightBeam *beam = &placement->beams->beams[i];
-        const uint64_t along = samples_of(beam, placement->params->spacing);
+        const uint64_t along = samples_of(beam, placement->params);
         for (uint64_t k = 0; k < along; ++k)
             placement->samples[next++] = place_sample(beam, placement->medium, placement->params,
                                                       placement->mean_area, k, along);
@@ -85,12 +89,13 @@ static AmbStatus place_grain(void *user, uint64_t begin, uint64_t end, uint32_t 
 }
 
 /* Numbers the samples, so that every thread knows where its own go. */
-static uint64_t count_samples(const LightBeams *beams, float spacing, uint64_t *out_first) {
+static uint64_t count_samples(const LightBeams *beams, const PointParams *params,
+                              uint64_t *out_first) {
     uint64_t count = 0;
     for (uint64_t i = 0; i < beams->count; ++i) {
         if (i % BEAM_GRAIN == 0)
             out_first[i / BEAM_GRAIN] = count;
-        count += samples_of(&beams->beams[i], spacing);
+        count += samples_of(&beams->beams[i], params);
     }
     return count;
 }
@@ -106,7 +111,7 @@ AmbStatus points_build(const LightBeams *beams, const Medium *medium, const Poin
         .first = memory_alloc_array(beams->count / BEAM_GRAIN + 1, sizeof *placement.first)};
     if (placement.first == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for volume samples");
-    const uint64_t count = count_samples(beams, params->spacing, placement.first);
+    const uint64_t count = count_samples(beams, params, placement.first);
     placement.samples = memory_alloc_array(count, sizeof *placement.samples);
     AmbStatus status = AMB_OK;
     if (placement.samples == NULL)
@@ -114,7 +119,7 @@ AmbStatus points_build(const LightBeams *beams, const Medium *medium, const Poin
                              (unsigned long long)count);
     if (status == AMB_OK)
         status = parallel_for(job, beams->count, BEAM_GRAIN, place_grain, &placement);
-    if (status == AMB_OK)
+    if (status == AMB_OK && count > 0)
         status = point_tree_build(placement.samples, count, job, &out_cloud->tree);
     memory_free(placement.samples);
     memory_free(placement.first);

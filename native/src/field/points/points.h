@@ -18,7 +18,8 @@ typedef struct PointParams {
     bool follows_covariance; /* kernel by eq. 8 from each sample's own frequency factor; else one
                               * radius for all samples of an object ([Wang16]) */
     float kernel_size;
-    float spacing; /* length of a sample along its ray, m, about */
+    float spacing;             /* length of a sample along its ray, m, about */
+    uint32_t part, part_count; /* of the beams, by rank: 0 .. part_count - 1; 0, 0: all */
 } PointParams;
 
 typedef struct PointCloud {
