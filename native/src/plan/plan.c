@@ -46,18 +46,21 @@ enum {
     LIGHT_RAYS_MIN = 1024,
     LIGHT_RAYS_MAX = 4096,
     SAMPLES_PER_LIGHT_RAY = 16,
-    PROBES_MIN = 64,  /* at a time */
-    PROBES_FEW = 256, /* where a share is not clear and walks are noisy, however small the render */
+    PROBES_MIN = 64,    /* at a time */
+    PROBES_CLEAR = 128, /* where a share is not clear and nothing scatters, */
+    PROBES_FEW = 256,   /* and where walks are noisy, however small the render */
     PROBES_MAX = 1024,
     SAMPLES_PER_PROBE = 64,
-    CLEAR_SAMPLES_PER_PROBE =
-        128,               /* where nothing scatters, and probes are all that planning costs */
     SAMPLES_OF_TARGET = 8, /* of a pixel, where a target decides */
     VIEW_RAYS_MAX = 4096,
     /* The least render that tells shares on which nothing hangs: a probe follows walks through many
      * light fields, and costs what some hundred samples of a simple picture do. */
     SAMPLES_TO_TELL = 1 << 21
 };
+/* Where nothing scatters, shares have little noise and samples cost little: fewer probes are
+ * enough. And what is left out saves little there, but narrows the room for noise, which costs
+ * samples: less is. */
+static const double CLEAR_EFFORT = 1.0 / 8.0, CLEAR_SHARE = 0.4;
 /* Another sequence than the picture's own. */
 static const uint32_t PROBE_SEED = 0x5eed;
 /* Of the least share: all later orders together stay below half of it. */
@@ -251,7 +254,8 @@ static void skip_unseen(Plan *plan) {
 static AmbStatus decide_by_shares(const AmbScene *scene, const AmbRenderParams *params,
                                   const PlanCrop *crop, const LightProbe *light, Job *job,
                                   Plan *plan) {
-    const double samples = expected_samples(params, crop);
+    const bool is_clear = !scene_has_scattering(scene);
+    const double samples = (is_clear ? CLEAR_EFFORT : 1.0) * expected_samples(params, crop);
     const ViewParams view_params = {
         .x = crop->x,
         .y = crop->y,
@@ -267,16 +271,17 @@ static AmbStatus decide_by_shares(const AmbScene *scene, const AmbRenderParams *
     AmbStatus status = AMB_OK;
     if (view.visible_count > 0) {
         status = effect_shares_create(scene, &shares);
-        const uint64_t probes =
-            scene_has_scattering(scene)
-                ? clamp_count(samples / SAMPLES_PER_PROBE, PROBES_FEW, PROBES_MAX)
-                : clamp_count(samples / CLEAR_SAMPLES_PER_PROBE, PROBES_MIN, PROBES_MAX);
+        const uint64_t few = is_clear ? PROBES_CLEAR : PROBES_FEW;
+        const uint64_t probes = clamp_count(samples / SAMPLES_PER_PROBE, few, PROBES_MAX);
         if (status == AMB_OK)
             status = measure(scene, params, &view, light, probes, job, &shares, plan);
         if (status == AMB_OK) {
             decide_describe(&shares, plan);
             if (plan->is_automatic)
-                decide(scene, &shares, decide_omitted_max((double)params->accuracy), plan);
+                decide(scene, &shares,
+                       (is_clear ? CLEAR_SHARE : 1.0) *
+                           decide_omitted_max((double)params->accuracy),
+                       plan);
         }
     } else if (plan->is_automatic) {
         skip_unseen(plan);
@@ -420,7 +425,8 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, cons
     Plan plan = {.estimator = params->estimator,
                  .object_count = scene->object_count,
                  .is_automatic = params->effects_are_auto != 0,
-                 .share_min = decide_share_min((double)params->accuracy)};
+                 .share_min = (scene_has_scattering(scene) ? 1.0 : CLEAR_SHARE) *
+                              decide_share_min((double)params->accuracy)};
     plan.objects =
         memory_zero_array((uint64_t)plan.object_count * PLAN_EFFECT_COUNT, sizeof *plan.objects);
     plan.targets = memory_alloc_array(plan.object_count, sizeof *plan.targets);
