@@ -302,7 +302,10 @@ class RandomScene:
         if self.chance(0.05):
             thing.hide_render = True
         if self.chance(0.05):
-            self.choose(thing, "display_type", "instance_type")
+            self.choose(thing, "display_type")
+            # An instance of every child at every vertex, and of their children at theirs.
+            if len(getattr(thing.data, "vertices", ())) < 10:
+                self.choose(thing, "instance_type")
         if self.chance(0.03):
             self.set(thing, is_holdout=True, is_shadow_catcher=True, visible_camera=False)
         self.things.append(thing)
@@ -610,7 +613,7 @@ class RandomScene:
                     setattr(own, item.identifier, self.chance(0.7))
         if self.chance(0.03):
             own.accuracy = self.choice((0.2, 1.0))
-        own.memory_limit = self.choice((0, 0, 0, 1, 64))
+        own.memory_limit = self.choice((0, 64, 64, 64, 1))
         if self.chance(0.1):
             scene.view_layers.new(self.word() or "Layer")
         layer = scene.view_layers[0]

@@ -12,10 +12,10 @@
 #include "base/rng.h"
 #include "fuzz.h"
 
-enum { SIZE_MAX_RANDOM = 512, FILE_MAX = 4096, FILE_SIZE_MAX = 4096 };
+enum { SIZE_MAX_RANDOM = 512, FILE_MAX = 4096, FILE_SIZE_MAX = 4096, REPORTED_RUNS = 10000 };
 
 /* CPU seconds that are worth a line: small scenes should take milliseconds. */
-static const double SLOW = 2.0;
+static const double SLOW = 1.0;
 
 typedef struct Seed {
     uint8_t data[FILE_SIZE_MAX];
@@ -84,6 +84,8 @@ static void run_target(size_t target, unsigned long long runs, bool only, const 
         }
         const double process = clock_process_cpu();
         TARGETS[target].run(input, size);
+        if ((run_number + 1) % REPORTED_RUNS == 0)
+            printf("%s: %llu runs\n", running, run_number + 1);
         if (clock_process_cpu() - process > SLOW)
             printf("%s: seed %llu, run %llu takes %.1f CPU s\n", running, run_seed, run_number,
                    clock_process_cpu() - process);
@@ -105,6 +107,7 @@ int main(int argc, char **argv) {
     size_t seed_count = 0;
     for (int i = 4; i < argc && seed_count < FILE_MAX; ++i)
         seed_count += read_seed(argv[i], &seeds[seed_count]);
+    setvbuf(stdout, NULL, _IOLBF, 0);
     bool is_found = false;
     for (size_t i = 0; i < TARGET_COUNT; ++i)
         if (strcmp(argv[1], TARGETS[i].name) == 0 ||

@@ -246,7 +246,8 @@ static AmbRenderParams any_params(Story *story) {
         bytes_below(bytes, 16) == 0 ? bytes_below(bytes, 5) : bytes_below(bytes, 3);
     params.scatter_order_max = bytes_below(bytes, 4);
     params.effects_are_auto = bytes_below(bytes, 2);
-    params.memory_limit = 32u << 20;
+    /* Tubes are cut until they meet it: what bounds the time of a story. */
+    params.memory_limit = 4u << 20;
     if (bytes_below(bytes, 8) == 0) {
         params.crop_x = bytes_below(bytes, SIDE_MAX);
         params.crop_y = bytes_below(bytes, SIDE_MAX);

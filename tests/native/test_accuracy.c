@@ -191,10 +191,10 @@ static void target_is_reached_and_stated(void) {
 static void target_is_the_same_on_any_number_of_threads(void) {
     for (uint32_t estimator = AMB_ESTIMATOR_POINTS_FIXED; estimator <= AMB_ESTIMATOR_TUBES;
          ++estimator) {
-        Demo demo = resin_ball(estimator, 0.04f);
+        Demo demo = resin_ball(estimator, 0.08f);
         demo.params.threads = 1;
         Picture one = demo_render(&demo);
-        static const uint32_t threads[] = {2, 3, 7};
+        static const uint32_t threads[] = {2, 7};
         for (size_t i = 0; i < sizeof threads / sizeof threads[0]; ++i) {
             demo.params.threads = threads[i];
             Picture many = demo_render(&demo);
@@ -210,7 +210,7 @@ static void target_is_the_same_on_any_number_of_threads(void) {
 static void nothing_to_measure_is_no_error(void) {
     for (int kind = 0; kind < 3; ++kind) {
         Demo demo = demo_create();
-        demo.params.accuracy = 0.01f;
+        demo.params.accuracy = 0.05f;
         demo.has_light = kind != 0;
         if (kind == 1)
             demo.material.lobe_count = 0;

@@ -157,9 +157,10 @@ static void open_and_non_manifold_meshes(void) {
     demo.shape.triangles[1] = 203;
     demo.shape.triangles[2] = 411;
     check_thoroughly(&demo, "a fin");
-    /* No order at all; paths branch at dozens of triangles. */
+    /* No order at all; paths branch at every triangle. */
     uint64_t state = 1;
     demo.params.width = demo.params.height = 6;
+    demo.shape.triangle_count = 120;
     for (uint64_t t = 0; t < 3 * demo.shape.triangle_count; ++t)
         demo.shape.triangles[t] =
             (uint32_t)test_uniform(&state, 0.0, (double)demo.shape.vertex_count);

@@ -182,8 +182,8 @@ static void light_field_shrinks_to_fit(void) {
         Demo demo = demo_create();
         demo.params.estimator = estimators[i];
         demo.params.effects &= ~(uint32_t)AMB_EFFECT_CAUSTICS; /* their map shrinks by itself */
-        demo.params.tube_refinement = 4;
-        demo.params.light_samples = 1 << 20;
+        demo.params.tube_refinement = 3;
+        demo.params.light_samples = 1 << 18;
         const bool is_tubes = estimators[i] == AMB_ESTIMATOR_TUBES;
         const char *const key = is_tubes ? "tube_refinement" : "light_samples";
         demo.params.memory_limit = 1ull << 40;
@@ -209,7 +209,7 @@ static void light_field_shrinks_to_fit(void) {
 
         demo.params.memory_limit = 0;
         demo.params.tube_refinement = is_tubes ? (uint32_t)given : 0;
-        demo.params.light_samples = is_tubes ? 1 << 20 : given;
+        demo.params.light_samples = is_tubes ? 1 << 18 : given;
         Picture same = demo_render(&demo);
         ENSURE(picture_is_same(&part, &same));
         picture_free(&whole);
