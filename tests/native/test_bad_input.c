@@ -193,6 +193,31 @@ static void later_orders_in_an_open_mesh(void) {
     demo_free(&demo);
 }
 
+/* Far from the middle of the scene coordinates are 0.008 apart, and free paths 150 times shorter:
+ * paths did not move, nor end. */
+static void free_paths_below_resolution(void) {
+    for (uint32_t scatter = AMB_SCATTER_WALK; scatter <= AMB_SCATTER_PHOTONS; ++scatter) {
+        Demo demo = small_demo();
+        demo.params.width = demo.params.height = 4;
+        demo.params.light_samples = 1000;
+        demo.params.effects |= AMB_EFFECT_DOUBLE_SCATTERING | AMB_EFFECT_MULTIPLE_SCATTERING;
+        demo.params.scatter_estimator = scatter;
+        demo.has_ground = false;
+        demo.at[0] = demo.at[1] = demo.at[2] = 1e5f;
+        demo.material = shape_resin(1.1f, 2e4f, 0.0f, 0.0f);
+        AmbScene *scene = demo_scene(&demo);
+        const AmbMesh mesh = shape_mesh(&demo.shape, "beside", true);
+        shape_add(scene, &mesh, 0, 1.0f, -1e5f, -1e5f, -1e5f);
+        Picture picture;
+        ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+        ENSURE_STATUS(picture_render(scene, &demo.params, &picture), AMB_OK);
+        picture_check(&picture, "free paths below resolution");
+        picture_free(&picture);
+        amb_scene_destroy(scene);
+        demo_free(&demo);
+    }
+}
+
 static void normals_that_are_none(void) {
     static const float bad[] = {(float)NAN, (float)INFINITY, 0.0f, 1e-30f, 1e30f};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; ++i) {
@@ -576,6 +601,7 @@ void test_bad_input(void) {
     RUN(duplicate_triangles);
     RUN(open_and_non_manifold_meshes);
     RUN(later_orders_in_an_open_mesh);
+    RUN(free_paths_below_resolution);
     RUN(normals_that_are_none);
     RUN(positions_that_are_none);
     RUN(scales_and_offsets);

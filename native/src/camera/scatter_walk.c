@@ -21,6 +21,7 @@ typedef struct Walk {
     Rgb throughput;
     float begin;     /* rgb_max of the throughput at the start */
     uint32_t order;  /* scatterings so far */
+    uint32_t still;  /* flights until now that moved nothing */
     bool is_its_own; /* false: branches of the camera path go where this one refracts */
 } Walk;
 
@@ -179,7 +180,9 @@ static void collide(Walk *walk, const Medium *medium, float length, bool has_pas
         BoundaryArrival arrival;
         boundary_find(walk->walker->scene, &walk->stack, walk->o, walk->d, t, &arrival);
     }
-    walk->o = vec3_madd(walk->o, t, walk->d);
+    const Vec3 from = walk->o;
+    walk->o = vec3_madd(from, t, walk->d);
+    walk->still = vec3_is_equal(from, walk->o) ? walk->still + 1 : 0;
     walk->throughput =
         rgb_scale(rgb_mul(walk->throughput, medium_transmittance(medium, t)), 1.0f / pdf);
 }
@@ -261,11 +264,16 @@ static void gather_later(Walk *walk, float length) {
         add(walk, 3, radiance.more);
 }
 
+/* So many flights in a row that moved nothing, as in photon_walk.c. */
+enum { STILL_MAX = 64 };
+
 /* A path comes this far from an object, in its radii, through a hole of the mesh alone. From there
  * one in 16 or fewer would come back, and where the medium does not absorb no other end is near. */
 static const float LOST_RADII = 16.0f;
 
 static bool is_lost(const Walk *walk) {
+    if (walk->still > STILL_MAX)
+        return true;
     const SceneObject *object = &walk->walker->scene->objects[medium_stack_top(&walk->stack)];
     const float reach = LOST_RADII * object->radius;
     const Vec3 from = vec3_sub(walk->o, object->center);

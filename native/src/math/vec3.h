@@ -52,6 +52,9 @@ static inline Vec3 vec3_normalize(Vec3 a) {
 static inline bool vec3_is_finite(Vec3 a) {
     return isfinite(a.x) && isfinite(a.y) && isfinite(a.z);
 }
+static inline bool vec3_is_equal(Vec3 a, Vec3 b) {
+    return a.x == b.x && a.y == b.y && a.z == b.z;
+}
 static inline Vec3 vec3_min(Vec3 a, Vec3 b) {
     return (Vec3){fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z)};
 }

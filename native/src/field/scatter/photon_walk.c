@@ -6,6 +6,10 @@
 
 enum { BOUNDARY_MAX = 4096 }; /* boundaries of one photon, a guard against endless reflection */
 
+/* So many flights in a row that moved nothing: where free paths are far below what coordinates can
+ * tell apart, light that is not absorbed would stay for ever. */
+enum { STILL_MAX = 64 };
+
 /* Photons with less than this share of the flux they had survive by chance: few of low weight
  * are not worth their time, and none is lost on average. */
 static const float ROULETTE_SHARE = 0.25f;
@@ -22,6 +26,7 @@ typedef struct Walker {
     float worth; /* largest channel of the flux when roulette was last played */
     MediumStack stack;
     uint32_t order;       /* scatterings so far */
+    uint32_t still;       /* flights until now that moved nothing */
     uint32_t reflections; /* internal ones, before the first scattering */
     bool is_of_surroundings;
     bool is_straight; /* from a lamp, nothing met yet */
@@ -173,7 +178,14 @@ static bool fly(Walker *walker, Hit *out_hit, bool *out_ends) {
         walker->flux = rgb_mul(walker->flux, flight_weight(&flight, medium, out_hit->t, false));
         return true;
     }
-    walker->o = vec3_madd(walker->o, flight.distance, walker->d);
+    const Vec3 from = walker->o;
+    walker->o = vec3_madd(from, flight.distance, walker->d);
+    walker->still = vec3_is_equal(from, walker->o) ? walker->still + 1 : 0;
+    if (walker->still > STILL_MAX) {
+        tally_add(walker->tally->lost, walker->flux);
+        *out_ends = true;
+        return false;
+    }
     const Rgb weight = flight_weight(&flight, medium, flight.distance, true);
     *out_ends = !isfinite(flight.distance) ||
                 !collide(walker, medium, object, rgb_mul(walker->flux, weight));
