@@ -1144,9 +1144,36 @@ static void file_that_cannot_be_written_leaves_nothing(void) {
     demo_free(&demo);
 }
 
+/* A few pixels by each way to gather light: what valgrind and others run too, to whom it is slow.
+ */
+static void every_estimator_renders(void) {
+    for (uint32_t estimator = AMB_ESTIMATOR_POINTS_FIXED; estimator <= AMB_ESTIMATOR_SPECULAR;
+         ++estimator)
+        for (uint32_t scatter = AMB_SCATTER_WALK; scatter <= AMB_SCATTER_TREE_CUT; ++scatter) {
+            Demo demo = demo_create();
+            shape_free(&demo.shape);
+            demo.shape = shape_sphere(6, 8);
+            demo.params.estimator = estimator;
+            demo.params.scatter_estimator = scatter;
+            demo.params.scatter_order_max = 4;
+            demo.params.effects = UINT32_MAX;
+            demo.params.light_bounces = estimator == AMB_ESTIMATOR_SPECULAR ? 0 : 1;
+            demo.params.camera_bounces = 1;
+            demo.params.width = demo.params.height = 4;
+            demo.params.samples = 1;
+            demo.params.light_samples = 500;
+            Picture picture = demo_render(&demo);
+            picture_check(&picture, "every estimator");
+            ENSURE(picture_mean(&picture, PASS_SINGLE) > 0.0);
+            picture_free(&picture);
+            demo_free(&demo);
+        }
+}
+
 void test_api(void);
 
 void test_api(void) {
+    RUN(every_estimator_renders);
     RUN(library_says_what_it_is);
     RUN(null_is_refused_or_harmless);
     RUN(bad_materials_are_refused);

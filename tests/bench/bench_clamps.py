@@ -1,0 +1,200 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What bounds in the code do to pictures: each is moved, the library is built again beside this
+checkout, and the same render with the same random numbers is compared.
+
+    python3 tests/bench/bench_clamps.py [NAME ...]
+
+Prints for each bound what it is, what it was moved to, how far the mean of the picture moved, and
+the root of the mean squared change of its pixels over the mean. Bounds on time, on memory and
+against rounding at the ends of a range (cosines, probabilities) are not in the table.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True)
+class Clamp:
+    """`old` is replaced by `new` in `file`; `scenes` are those of `measure`."""
+
+    name: str
+    file: str
+    old: str
+    new: str
+    scenes: tuple[str, ...]
+    meaning: str
+
+
+POINTS = ("points", "fixed")
+CLAMPS = (
+    Clamp("cosine behind a boundary, footprints", "optics/tangent.h",
+          "fmaxf(cos_t, 1e-3f)", "fmaxf(cos_t, 1e-4f)", (*POINTS, "caustics"),
+          "derivative of refraction beside the critical angle"),
+    Clamp("cosine behind a boundary, covariance", "optics/covariance.h",
+          "COVARIANCE_COS_TRANSMITTED_MIN 1e-3", "COVARIANCE_COS_TRANSMITTED_MIN 1e-4",
+          ("points",), "the same for frequencies"),
+    Clamp("extent of sources that have none", "optics/covariance.c",
+          "EXTENT_RATIO_MIN = 1e-4", "EXTENT_RATIO_MIN = 3e-4", ("points",),
+          "a point or a sun, relative to the extent that it has"),
+    Clamp("grazing light, rays", "light/light_trace.c",
+          "GRAZING_COS = 1e-4f", "GRAZING_COS = 1e-5f", (*POINTS, "caustics"),
+          "light that meets a surface at less ends"),
+    Clamp("grazing light, tubes", "field/tubes/tube_reflect.c",
+          "GRAZING_COS = 1e-4f", "GRAZING_COS = 1e-5f", ("tubes",), "the same"),
+    Clamp("least flux of a branch", "light/light_trace.c",
+          "FLUX_MIN = 1e-6f", "FLUX_MIN = 1e-8f", ("points",), "share of the ray's flux"),
+    Clamp("least flux of a branch, tubes", "field/tubes/tube_reflect.c",
+          "FLUX_MIN = 1e-6f", "FLUX_MIN = 1e-8f", ("tubes",), "the same"),
+    Clamp("optical depth of beams", "light/light_trace.c",
+          "OPTICAL_DEPTH_MAX = 18.4f", "OPTICAL_DEPTH_MAX = 25.0f", ("dense",),
+          "exp(-18.4) of the light is left there"),
+    Clamp("slope of kernels' ends", "field/points/points.c",
+          "SLOPE_MAX = 4.0f", "SLOPE_MAX = 16.0f", POINTS,
+          "how far kernels reach past the boundary that cuts their rays"),
+    Clamp("cross-section of kernels", "field/points/points.c",
+          "AREA_MAX = 4.0f", "AREA_MAX = 16.0f", POINTS,
+          "in units of the mean: wider ones blur, narrower ones show noise"),
+    Clamp("reach of tubes", "field/tubes/tubes.c",
+          "LIMIT_MAX = 4.0f", "LIMIT_MAX = 16.0f", ("tubes",), "in radii of the object"),
+    Clamp("angle to a wall's tangent plane", "field/tubes/tube_reflect.c",
+          "PLANE_COS_MIN = 0.1f", "PLANE_COS_MIN = 0.01f", ("tubes",),
+          "where reflected tubes are cut by a jump"),
+    Clamp("turned normals, exact connections", "field/specular/specular_face.c",
+          "GRAZING_COS = 1e-3", "GRAZING_COS = 1e-4", ("specular",),
+          "normals that interpolation turned away from the light"),
+    Clamp("grazing search, exact connections", "field/specular/specular_face.c",
+          "COS_T_MIN = 1e-6", "COS_T_MIN = 1e-7", ("specular",),
+          "Snell's derivative in the search for solutions"),
+    Clamp("eccentricity of caustic kernels", "field/caustics/caustics.c",
+          "ECCENTRICITY_MAX = 128.0f", "ECCENTRICITY_MAX = 512.0f", ("caustics",),
+          "length to width"),
+    Clamp("least axis of caustic kernels", "field/caustics/caustics.c",
+          "AXIS_MIN = 0.005f", "AXIS_MIN = 0.0025f", ("caustics",),
+          "in units of the typical one"),
+    Clamp("largest axis of caustic kernels", "field/caustics/caustics.c",
+          "AXIS_MAX = 32.0f", "AXIS_MAX = 64.0f", ("caustics",), "in units of the typical one"),
+    Clamp("height of caustic kernels", "field/caustics/caustic_tree.c",
+          "HEIGHT_MAX = 0.5f", "HEIGHT_MAX = 1.0f", ("caustics",),
+          "how far off its plane a photon counts"),
+    Clamp("optical depth of photons", "field/scatter/scatter_cells.c",
+          "DEPTH_MAX = 9.0f", "DEPTH_MAX = 12.0f", ("photons",),
+          "exp(-9) of the light from there is left"),
+    Clamp("walks far from their object", "camera/scatter_walk.c",
+          "LOST_RADII = 16.0f", "LOST_RADII = 64.0f", ("walk",), "holes of meshes"),
+)  # fmt: skip
+
+
+# ---- The renders, in a process with one library --------------------------------------------------
+
+
+def measure(scene: str) -> np.ndarray:
+    sys.path.insert(0, str(Path(__file__).resolve().parent))
+    sys.path.insert(0, str(ROOT / "tests/images"))
+    import bench_caustics
+    from api import Medium, _ffi, add_body, add_point, render, set_perspective
+    from bumpy import EYE, FOV, UP, bumpy
+    from meshes import bumpy_sphere
+    from ref_bumpy import bumpy_scene
+
+    settings = {"samples": 4, "seed": 1, "threads": 1}
+    if scene == "caustics":
+        return render(
+            lambda handle: bench_caustics.build(handle, "bumpy"), 32, "Surface",
+            effects=_ffi.AMB_EFFECT_CAUSTICS, light_samples=2**17, **settings,
+        ).pixels  # fmt: skip
+
+    def dense(handle):  # noqa: ANN001, ANN202
+        case = bumpy_scene(bumpy_sphere(4))
+        add_body(handle, case.mesh, Medium(1.5, 20.0, 1.0))
+        add_point(handle, case.light, case.intensity)
+        set_perspective(handle, (0.0, 0.0, EYE), (0.0, 0.0, -1.0), UP, FOV)
+
+    later = _ffi.AMB_EFFECT_DOUBLE_SCATTERING | _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
+    scenes = {
+        "points": (bumpy(4), _ffi.AMB_ESTIMATOR_POINTS_COVARIANCE, {"light_bounces": 1}),
+        "fixed": (bumpy(4), _ffi.AMB_ESTIMATOR_POINTS_FIXED, {"light_bounces": 1}),
+        "dense": (dense, _ffi.AMB_ESTIMATOR_POINTS_FIXED, {}),
+        "tubes": (bumpy(4), _ffi.AMB_ESTIMATOR_TUBES, {"light_bounces": 1}),
+        "specular": (bumpy(3), _ffi.AMB_ESTIMATOR_SPECULAR, {}),
+        "photons": (dense, _ffi.AMB_ESTIMATOR_TUBES, {"scatter_estimator": 2, "effects": later}),
+        "walk": (dense, _ffi.AMB_ESTIMATOR_TUBES, {"scatter_estimator": 1, "effects": later}),
+    }
+    build, estimator, more = scenes[scene]
+    name = "Multiple Scattering" if "effects" in more else "Single Scattering"
+    size = 16 if scene in ("specular", "walk") else 32
+    return render(
+        build, size, name, estimator=estimator, light_samples=2**15, **(settings | more)
+    ).pixels
+
+
+# ---- Libraries -----------------------------------------------------------------------------------
+
+
+def compile_library(folder: Path) -> Path:
+    build = folder / "build"
+    if not build.is_dir():
+        options = ["-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release", "-DAMB_BUILD_TESTS=OFF"]
+        command = ["cmake", "-S", str(folder), "-B", str(build), *options]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(["cmake", "--build", str(build)], check=True, stdout=subprocess.DEVNULL)
+    return build / "lib/libamberlight.so"
+
+
+def picture(library: Path, scene: str, folder: Path) -> np.ndarray:
+    path = folder / "picture.npy"
+    environment = {**os.environ, "AMBERLIGHT_LIBRARY": str(library)}
+    command = [sys.executable, __file__, "--measure", scene, str(path)]
+    subprocess.run(command, check=True, env=environment)
+    return np.load(path).astype(np.float64)
+
+
+def main() -> None:
+    if sys.argv[1:2] == ["--measure"]:
+        np.save(sys.argv[3], measure(sys.argv[2]))
+        return
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for part in ("native", "CMakeLists.txt"):
+            source, target = ROOT / part, folder / part
+            shutil.copytree(source, target) if source.is_dir() else shutil.copy(source, target)
+        library = compile_library(folder)
+        usual: dict[str, np.ndarray] = {}
+        print("| bound | where | moved to | render | mean | pixels |\n|---|---|---|---|---|---|")
+        for clamp in CLAMPS:
+            if sys.argv[1:] and clamp.name not in sys.argv[1:]:
+                continue
+            for scene in clamp.scenes:
+                if scene not in usual:
+                    usual[scene] = picture(library, scene, folder)
+            path = folder / "native/src" / clamp.file
+            text = path.read_text()
+            assert text.count(clamp.old) == 1, f"{clamp.old} is not in {clamp.file} once"
+            path.write_text(text.replace(clamp.old, clamp.new))
+            compile_library(folder)
+            for scene in clamp.scenes:
+                moved, before = picture(library, scene, folder), usual[scene]
+                mean = moved.mean() / before.mean() - 1
+                change = np.sqrt(np.mean((moved - before) ** 2)) / before.mean()
+                print(
+                    f"| {clamp.name}: {clamp.meaning} | `{clamp.file}`: `{clamp.old}` | "
+                    f"`{clamp.new.split(' ')[-1]}` | {scene} | {mean:.1e} | {change:.1e} |",
+                    flush=True,
+                )
+            path.write_text(text)
+            compile_library(folder)
+
+
+if __name__ == "__main__":
+    main()
