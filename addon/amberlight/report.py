@@ -120,8 +120,8 @@ def accuracy_lines(accuracy: dict[str, Any]) -> list[str]:
     """The error that the render states of itself, and what keeps it above its target."""
     parts = [
         f"{name} {percent(accuracy[key])}"
-        for key, name in (("noise", "noise"), ("field", "light field"))
-        if accuracy.get(key) is not None
+        for key, name in (("noise", "noise"), ("field", "light field"), ("scatter", "photons"))
+        if accuracy.get(key) is not None and (key != "scatter" or accuracy[key] > 0)
     ]
     if not parts:
         return []

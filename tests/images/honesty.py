@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 RESIN = Medium(1.5, (0.1, 0.2, 0.4), (0.02, 0.05, 0.1))
 HAZE = Medium(1.3, (0.3, 0.25, 0.2), (0.01, 0.02, 0.04), 0.7)
+WAX = Medium(1.5, (4.5, 3.0, 2.0), (0.2, 0.3, 0.5))
 
 Light = Callable[[handles.Scene], None]
 
@@ -69,6 +70,12 @@ def scenes() -> dict[str, BuildScene]:
     }
 
 
+def thick_scenes() -> dict[str, BuildScene]:
+    """Where later orders are most of the light."""
+    slab = box((-1.0, -1.0, -0.4), (1.0, 1.0, 0.4))
+    return {"slab, wax": lit(slab, WAX, point), "sphere, wax": lit(icosphere(4), WAX, point)}
+
+
 @dataclass(frozen=True)
 class Run:
     """One render against a reference; errors relative."""
@@ -106,9 +113,11 @@ def run(
     estimator: tuple[str, int],
     target: float,
     seed: int,
+    settings: dict[str, Any] | None = None,
 ) -> Run:
-    image = render(build, len(truth), estimator=estimator[1], accuracy=target, seed=seed)
-    true = metrics.rel_rmse(image.pixels, truth, image.cover > 0)
+    params = {"estimator": estimator[1], "accuracy": target, "seed": seed} | (settings or {})
+    image = render(build, len(truth), **params)
+    true = metrics.rel_rmse(image.pixels[..., :3], truth[..., :3], image.cover > 0)
     stated = image.report["accuracy"]["stated"]
     return Run(name, estimator[0], target, seed, stated, true, image.report)
 

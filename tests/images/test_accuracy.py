@@ -10,7 +10,7 @@ import honesty
 import metrics
 import numpy as np
 import pytest
-from api import ESTIMATORS, LIBRARY, POINTS_FIXED, TUBES, render
+from api import ESTIMATORS, LIBRARY, POINTS_FIXED, TUBES, _ffi, render
 from numpy.typing import NDArray
 
 pytestmark = [
@@ -49,6 +49,32 @@ def test_stated_error_is_the_true_one() -> None:
     below, above = honesty.share_within(runs)
     assert below >= 0.9, table
     assert above >= 0.9, table
+
+
+def test_stated_error_sees_photons() -> None:
+    """All pixels share the photons of later orders: what they leave is in the stated error."""
+    orders = (
+        _ffi.AMB_EFFECT_SINGLE_SCATTERING
+        | _ffi.AMB_EFFECT_DOUBLE_SCATTERING
+        | _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
+    )
+    photons = {"effects": orders, "scatter_estimator": _ffi.AMB_SCATTER_PHOTONS, "name": "Combined"}
+    runs = []
+    for name, build in honesty.thick_scenes().items():
+        truth = honesty.reference(build, 32, samples=64, light_samples=2**20, **photons)
+        for target in (0.1, 0.07):
+            for seed in SEEDS:
+                run = honesty.run(build, truth, name, ("TUBES", TUBES), target, seed, photons)
+                runs.append(run)
+                accuracy = run.report["accuracy"]
+                assert accuracy["reached"], run
+                assert 0.3 * run.stated < accuracy["scatter"] < target
+    table = "\n".join(map(str, runs))
+    assert min(honesty.share_within(runs)) == 1, table
+    bare = [
+        np.hypot(run.report["accuracy"]["noise"], run.report["accuracy"]["field"]) for run in runs
+    ]
+    assert np.mean([run.true for run in runs]) > 1.2 * np.mean(bare), table
 
 
 def test_choice_of_pixels_has_no_bias() -> None:

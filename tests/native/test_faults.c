@@ -80,16 +80,20 @@ typedef struct MemoryCase {
     uint32_t estimator, light_bounces;
     float accuracy;
     uint32_t threads;
-    int step; /* of n in a short run: 1 is every allocation */
+    int step;                   /* of n in a short run: 1 is every allocation */
+    uint32_t scatter_estimator; /* AUTO: light scatters once */
 } MemoryCase;
 
 static const MemoryCase MEMORY_CASES[] = {
-    {"tubes", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 1},
-    {"tubes that reflect, two threads", AMB_ESTIMATOR_TUBES, 1, 0.0f, 2, 3},
-    {"tubes to a target", AMB_ESTIMATOR_TUBES, 0, 1.0f, 1, 7},
-    {"points", AMB_ESTIMATOR_POINTS_FIXED, 1, 0.0f, 1, 1},
-    {"points to a target", AMB_ESTIMATOR_POINTS_COVARIANCE, 0, 1.0f, 1, 7},
-    {"specular", AMB_ESTIMATOR_SPECULAR, 0, 0.0f, 1, 1},
+    {"tubes", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 1, AMB_SCATTER_AUTO},
+    {"tubes that reflect, two threads", AMB_ESTIMATOR_TUBES, 1, 0.0f, 2, 3, AMB_SCATTER_AUTO},
+    {"tubes to a target", AMB_ESTIMATOR_TUBES, 0, 1.0f, 1, 7, AMB_SCATTER_AUTO},
+    {"points", AMB_ESTIMATOR_POINTS_FIXED, 1, 0.0f, 1, 1, AMB_SCATTER_AUTO},
+    {"points to a target", AMB_ESTIMATOR_POINTS_COVARIANCE, 0, 1.0f, 1, 7, AMB_SCATTER_AUTO},
+    {"specular", AMB_ESTIMATOR_SPECULAR, 0, 0.0f, 1, 1, AMB_SCATTER_AUTO},
+    {"photons", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 5, AMB_SCATTER_PHOTONS},
+    {"photons to a target", AMB_ESTIMATOR_TUBES, 0, 1.0f, 1, 41, AMB_SCATTER_PHOTONS},
+    {"a tree cut", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 17, AMB_SCATTER_TREE_CUT},
 };
 
 /* What must be true of a cycle in which memory may have failed; returns whether it gave a picture.
@@ -134,6 +138,10 @@ static void check_memory_case(const MemoryCase *memory, const char *folder) {
     demo.params.estimator = memory->estimator;
     demo.params.light_bounces = memory->light_bounces;
     demo.params.accuracy = memory->accuracy;
+    if (memory->scatter_estimator != AMB_SCATTER_AUTO) {
+        demo.params.scatter_estimator = memory->scatter_estimator;
+        demo.params.effects |= AMB_EFFECT_DOUBLE_SCATTERING | AMB_EFFECT_MULTIPLE_SCATTERING;
+    }
     demo.params.threads = memory->threads;
     snprintf(path, sizeof path, "%s/first.exr", folder);
     ENSURE_STATUS(whole_cycle(&demo, path, expected), AMB_OK);
@@ -215,6 +223,33 @@ static void light_field_shrinks_to_fit(void) {
         picture_free(&whole);
         picture_free(&part);
         picture_free(&same);
+        demo_free(&demo);
+    }
+}
+
+/* So do photons of later orders, and the samples of a tree cut. */
+static void later_orders_shrink_to_fit(void) {
+    static const uint32_t estimators[] = {AMB_SCATTER_PHOTONS, AMB_SCATTER_TREE_CUT};
+    for (size_t i = 0; i < 2; ++i) {
+        Demo demo = demo_create();
+        demo.params.estimator = AMB_ESTIMATOR_TUBES;
+        demo.params.scatter_estimator = estimators[i];
+        demo.params.effects = AMB_EFFECT_SINGLE_SCATTERING | AMB_EFFECT_DOUBLE_SCATTERING |
+                              AMB_EFFECT_MULTIPLE_SCATTERING;
+        demo.params.light_samples = 1 << 18;
+        demo.params.memory_limit = 1ull << 40;
+        Picture whole = demo_render(&demo);
+        demo.params.memory_limit = memory_held() + (6u << 20);
+        Picture part = demo_render(&demo);
+        picture_check(&part, "later orders that shrank");
+        const uint64_t given = report_number(part.report, "cells");
+        const uint64_t asked = report_number(whole.report, "cells");
+        test_check(given < asked, __FILE__, __LINE__, "%llu cells of %llu",
+                   (unsigned long long)given, (unsigned long long)asked);
+        ENSURE(strstr(part.report, "memory_limit is reached") != NULL);
+        ENSURE_NEAR(picture_mean(&part, PASS_DOUBLE) / picture_mean(&whole, PASS_DOUBLE), 1.0, 0.2);
+        picture_free(&whole);
+        picture_free(&part);
         demo_free(&demo);
     }
 }
@@ -624,6 +659,7 @@ void test_faults(void);
 void test_faults(void) {
     RUN(memory_failing_anywhere_is_an_error);
     RUN(light_field_shrinks_to_fit);
+    RUN(later_orders_shrink_to_fit);
     RUN(target_keeps_to_the_limit);
     RUN(limit_that_is_too_low_is_one_sentence);
     RUN(cancel_at_any_moment);

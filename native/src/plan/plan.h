@@ -94,6 +94,8 @@ void plan_set_light_samples(Plan *plan, uint64_t samples);
 bool plan_reduce_field(Plan *plan);
 /* The same of the map of caustics. */
 bool plan_reduce_caustics(Plan *plan);
+/* The same of photons' cells, or a tree cut's samples. */
+bool plan_reduce_scatter(Plan *plan);
 
 const char *plan_estimator_name(uint32_t estimator);
 const char *plan_scatter_estimator_name(uint32_t estimator);

@@ -16,8 +16,13 @@ static bool has_later_orders(const Plan *plan) {
 /* One photon for so many volume samples: a path of the one and a place of the other cost about as
  * much. */
 static const uint64_t SAMPLES_PER_PHOTON = 4;
-/* Photons for an error of 1 % in a sphere; n of them leave an error in n^(-1/3). */
+/* Photons for an error of 1 % in a sphere; n of them leave an error in n^(-1/3). A render to a
+ * target begins with so many and measures what they leave (render/accuracy_scatter.h). */
 static const double PHOTONS_AT_PERCENT = 4e6;
+
+uint64_t plan_photons_most(const AmbRenderParams *params) {
+    return 16 * (params->light_samples / SAMPLES_PER_PHOTON);
+}
 
 static uint64_t count_photons(const AmbRenderParams *params) {
     const uint64_t set = params->light_samples / SAMPLES_PER_PHOTON;
@@ -26,7 +31,7 @@ static uint64_t count_photons(const AmbRenderParams *params) {
         return set > 0 ? set : 1;
     const double percent = 100.0 * (double)params->accuracy;
     const double wanted = PHOTONS_AT_PERCENT / (percent * percent * percent);
-    const double most = 16.0 * (double)set, least = 16384.0;
+    const double most = (double)plan_photons_most(params), least = 16384.0;
     return (uint64_t)(wanted < least ? least : wanted > most ? most : wanted);
 }
 
@@ -54,6 +59,10 @@ static void choose_automatically(const AmbScene *scene, Plan *plan) {
                                                    : "media are thin";
 }
 
+/* Fewer are not tried where memory ends. First of all few threads share it. */
+static const uint64_t PHOTONS_MIN = 64;
+enum { FEW_SUMS = 2 };
+
 void plan_scatter(const AmbScene *scene, const AmbRenderParams *params, Plan *plan) {
     plan->scatter_estimator = params->scatter_estimator;
     plan->scatter_estimator_reason = "asked for";
@@ -76,4 +85,16 @@ void plan_scatter(const AmbScene *scene, const AmbRenderParams *params, Plan *pl
                                     .adjoint_normals = params->adjoint_normals != 0,
                                     .has_world = plan->effects[PLAN_WORLD_LIGHT].is_simulated,
                                     .seed = params->seed};
+}
+
+bool plan_reduce_scatter(Plan *plan) {
+    ScatterParams *params = &plan->scatter;
+    if (!params->uses_tree_cut && params->sum_count != FEW_SUMS) {
+        params->sum_count = FEW_SUMS;
+        return true;
+    }
+    if (params->photon_count < 8 * PHOTONS_MIN)
+        return false;
+    params->photon_count /= 8;
+    return true;
 }

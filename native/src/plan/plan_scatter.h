@@ -8,4 +8,7 @@
 /* Resolves AUTO and sets what photons need; the effects and the light pass are planned. */
 void plan_scatter(const AmbScene *scene, const AmbRenderParams *params, Plan *plan);
 
+/* The most photons that a render to a target takes. */
+uint64_t plan_photons_most(const AmbRenderParams *params);
+
 #endif

@@ -35,7 +35,7 @@ static const double FIXED_NOISE = 0.8;
 
 double accuracy_stated(const Accuracy *accuracy) {
     return sqrt(accuracy->noise * accuracy->noise + accuracy->field * accuracy->field +
-                accuracy->omitted * accuracy->omitted);
+                accuracy->scatter * accuracy->scatter + accuracy->omitted * accuracy->omitted);
 }
 
 /* ---- Field ----------------------------------------------------------------------------------- */
@@ -110,9 +110,11 @@ static AmbStatus climb_until_fine(AmbRender *render, Ladder *ladder) {
     const double limit =
         FIELD_SHARE * sqrt(target * target - accuracy->omitted * accuracy->omitted);
     const FieldDifferences *differences = &accuracy->probe.differences;
-    uint32_t top = 0;
-    while (set_level(render, top, ladder->accounts[1].field_bytes)) {
-        bool is_left_out = render->is_reduced;
+    for (uint32_t top = 0;; ++top) {
+        /* The first is built, as coarse as it must be, even if caustics or photons gave way. */
+        bool is_left_out = top > 0 && render->is_reduced;
+        if (!is_left_out && !set_level(render, top, ladder->accounts[1].field_bytes))
+            break;
         if (!is_left_out)
             AMB_TRY(climb(render, ladder, &is_left_out));
         if (is_left_out) {
@@ -136,7 +138,6 @@ static AmbStatus climb_until_fine(AmbRender *render, Ladder *ladder) {
             if (is_enough && (coarser <= limit || (!is_tubes(render) && accuracy->field <= limit)))
                 break;
         }
-        ++top;
     }
     return AMB_OK;
 }
@@ -168,20 +169,27 @@ AmbStatus accuracy_choose_field(AmbRender *render, Field **out_field) {
 
 /* ---- Noise ----------------------------------------------------------------------------------- */
 
+/* What two levels of a probe say of the picture's squared error, by place. */
+typedef struct BlockErrors {
+    const Probe *probe;
+    double scale;   /* squared error in units of the probe's squared differences */
+    float *squares; /* by block of the probe: smoothed squared differences, or NULL */
+} BlockErrors;
+
 /* Numbers of each pixel and each row between two rounds. */
 typedef struct Survey {
     AmbRender *render;
-    bool has_objects;   /* pixels that count are those with objects */
-    float *costs;       /* by pixel: c of c n^-3/2 */
-    uint32_t *quotas;   /* by pixel: samples of the next round */
-    FilmSum *rows;      /* what counts, by row */
-    double *sums;       /* by row */
-    uint64_t *counts;   /* by row */
-    double scale;       /* samples wanted of a pixel = scale * (smoothed c)^(1 / (1 + 3/2)) */
-    float *weights;     /* by pixel: (smoothed c)^(1 / (1 + 3/2)) */
-    float *shares;      /* by pixel: variance handed to each of the neighbours */
-    double field_scale; /* squared error in units of the probes' squared differences */
-    float *field;       /* by block of the probe: smoothed squared differences, or NULL */
+    bool has_objects;      /* pixels that count are those with objects */
+    float *costs;          /* by pixel: c of c n^-3/2 */
+    uint32_t *quotas;      /* by pixel: samples of the next round */
+    FilmSum *rows;         /* what counts, by row */
+    double *sums;          /* by row */
+    uint64_t *counts;      /* by row */
+    double scale;          /* samples wanted of a pixel = scale * (smoothed c)^(1 / (1 + 3/2)) */
+    float *weights;        /* by pixel: (smoothed c)^(1 / (1 + 3/2)) */
+    float *shares;         /* by pixel: variance handed to each of the neighbours */
+    BlockErrors blocks[2]; /* of the field and of photons */
+    const BlockErrors *measured; /* of sum_blocks */
 } Survey;
 
 static void survey_clear(Survey *survey) {
@@ -192,7 +200,8 @@ static void survey_clear(Survey *survey) {
     memory_free(survey->counts);
     memory_free(survey->weights);
     memory_free(survey->shares);
-    memory_free(survey->field);
+    for (int i = 0; i < 2; ++i)
+        memory_free(survey->blocks[i].squares);
 }
 
 static AmbStatus survey_create(AmbRender *render, Survey *out_survey) {
@@ -389,15 +398,15 @@ static AmbStatus find_shares(void *user, uint64_t begin, uint64_t end, uint32_t 
     return AMB_OK;
 }
 
-static double field_square(const Survey *survey, uint32_t x, uint32_t y) {
-    const Probe *probe = &survey->render->accuracy.probe;
-    if (survey->field == NULL)
+static double block_square(const BlockErrors *errors, uint32_t x, uint32_t y) {
+    const Probe *probe = errors->probe;
+    if (errors->squares == NULL)
         return 0.0;
     const uint64_t block = (uint64_t)(y / probe->block) * probe->blocks_x + x / probe->block;
-    return survey->field_scale * (double)survey->field[block];
+    return errors->scale * (double)errors->squares[block];
 }
 
-static AmbStatus sum_field(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+static AmbStatus sum_blocks(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
     (void)thread;
     const Survey *survey = user;
     const Film *film = &survey->render->film;
@@ -405,7 +414,7 @@ static AmbStatus sum_field(void *user, uint64_t begin, uint64_t end, uint32_t th
         double sum = 0.0;
         for (uint32_t x = 0; x < film->width; ++x)
             if (counts(survey, &film->pixels[y * film->width + x]))
-                sum += field_square(survey, x, (uint32_t)y);
+                sum += block_square(survey->measured, x, (uint32_t)y);
         survey->sums[y] = sum;
     }
     return AMB_OK;
@@ -422,7 +431,9 @@ static AmbStatus write_errors(void *user, uint64_t begin, uint64_t end, uint32_t
             const bool is_counted = counts(survey, &film->pixels[y * film->width + x]);
             uint32_t range[4];
             neighbourhood(film, x, (uint32_t)y, 1, range);
-            double square = is_counted ? field_square(survey, x, (uint32_t)y) : 0.0;
+            double square = 0.0;
+            for (int i = 0; i < 2 && is_counted; ++i)
+                square += block_square(&survey->blocks[i], x, (uint32_t)y);
             for (uint64_t v = range[2]; v <= range[3]; ++v)
                 for (uint32_t u = range[0]; u <= range[1]; ++u)
                     if (counts(survey, &film->pixels[v * film->width + u]) == is_counted)
@@ -434,22 +445,39 @@ static AmbStatus write_errors(void *user, uint64_t begin, uint64_t end, uint32_t
     return AMB_OK;
 }
 
-/* Squared differences of the probes of 3 x 3 blocks. */
-static AmbStatus find_field(Survey *survey) {
-    const Accuracy *accuracy = &survey->render->accuracy;
-    const Probe *probe = &accuracy->probe;
-    survey->field = memory_zero_array((uint64_t)probe->blocks_x * probe->blocks_y, sizeof(float));
-    if (survey->field == NULL)
+/* Squared differences of two levels, over the probes of 3 x 3 blocks. */
+static AmbStatus find_blocks(BlockErrors *errors, uint32_t level, uint32_t companion) {
+    const Probe *probe = errors->probe;
+    errors->squares = memory_zero_array((uint64_t)probe->blocks_x * probe->blocks_y, sizeof(float));
+    if (errors->squares == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the error");
     for (uint32_t y = 0; y < probe->blocks_y; ++y)
         for (uint32_t x = 0; x < probe->blocks_x; ++x) {
             float sum = 0.0f;
             for (uint32_t v = y > 0 ? y - 1 : 0; v <= y + 1 && v < probe->blocks_y; ++v)
                 for (uint32_t u = x > 0 ? x - 1 : 0; u <= x + 1 && u < probe->blocks_x; ++u)
-                    sum += probe_block_square(probe, (uint64_t)v * probe->blocks_x + u,
-                                              accuracy->level, accuracy->companion);
-            survey->field[(uint64_t)y * probe->blocks_x + x] = sum;
+                    sum += probe_block_square(probe, (uint64_t)v * probe->blocks_x + u, level,
+                                              companion);
+            errors->squares[(uint64_t)y * probe->blocks_x + x] = sum;
         }
+    return AMB_OK;
+}
+
+/* Scales blocks so that over the pixels that count the mean square is that of an error, relative to
+ * the mean radiance. */
+static AmbStatus scale_blocks(Survey *survey, BlockErrors *errors, double error) {
+    AmbRender *render = survey->render;
+    errors->scale = 1.0;
+    survey->measured = errors;
+    AMB_TRY(parallel_for(&render->job, render->film.height, 16, sum_blocks, survey));
+    double sum = 0.0;
+    uint64_t count = 0;
+    for (uint32_t y = 0; y < render->film.height; ++y) {
+        sum += survey->sums[y];
+        count += survey->rows[y].count;
+    }
+    error *= render->accuracy.radiance;
+    errors->scale = sum > 0.0 ? error * error * (double)count / sum : 0.0;
     return AMB_OK;
 }
 
@@ -462,19 +490,19 @@ static AmbStatus write_error_pass(Survey *survey, double noise_factor) {
     if (noise_factor != 1.0)
         for (uint64_t i = 0; i < (uint64_t)rows * render->film.width; ++i)
             survey->shares[i] *= (float)(noise_factor * noise_factor);
+    BlockErrors *field = &survey->blocks[0], *scatter = &survey->blocks[1];
     if (accuracy->has_field && accuracy->field > 0.0) {
-        if (survey->field == NULL)
-            AMB_TRY(find_field(survey));
-        survey->field_scale = 1.0;
-        AMB_TRY(parallel_for(&render->job, rows, 16, sum_field, survey));
-        double sum = 0.0;
-        uint64_t count = 0;
-        for (uint32_t y = 0; y < rows; ++y) {
-            sum += survey->sums[y];
-            count += survey->rows[y].count;
-        }
-        const double error = accuracy->field * accuracy->radiance;
-        survey->field_scale = sum > 0.0 ? error * error * (double)count / sum : 0.0;
+        field->probe = &accuracy->probe;
+        if (field->squares == NULL)
+            AMB_TRY(find_blocks(field, accuracy->level, accuracy->companion));
+        AMB_TRY(scale_blocks(survey, field, accuracy->field));
+    }
+    if (accuracy->has_scatter && accuracy->scatter > 0.0) {
+        scatter->probe = &accuracy->scatter_probe;
+        const uint32_t top = scatter->probe->level_count - 1;
+        if (scatter->squares == NULL)
+            AMB_TRY(find_blocks(scatter, top, top - 1));
+        AMB_TRY(scale_blocks(survey, scatter, accuracy->scatter));
     }
     return parallel_for(&render->job, rows, 16, write_errors, survey);
 }
@@ -501,11 +529,12 @@ static void count_samples(AmbRender *render) {
     pthread_mutex_unlock(&render->lock);
 }
 
-/* Noise to aim at: what the field leaves of the target. */
+/* Noise to aim at: what the field and photons leave of the target. */
 static double noise_target(const Accuracy *accuracy) {
-    const double room = (double)accuracy->target * (double)accuracy->target -
-                        accuracy->field * accuracy->field - accuracy->omitted * accuracy->omitted;
-    const double least = NOISE_OF_FIELD * accuracy->field;
+    const double light = accuracy->field * accuracy->field + accuracy->scatter * accuracy->scatter;
+    const double room = (double)accuracy->target * (double)accuracy->target - light -
+                        accuracy->omitted * accuracy->omitted;
+    const double least = NOISE_OF_FIELD * sqrt(light);
     return sqrt(fmax(room, least * least));
 }
 
@@ -546,10 +575,12 @@ AmbStatus accuracy_run_camera(AmbRender *render, const Field *field) {
     AMB_TRY(survey_create(render, &survey));
     const AmbStatus status = run_rounds(render, field, &survey);
     survey_clear(&survey);
-    accuracy->is_reached = status == AMB_OK && accuracy->has_field &&
+    accuracy->is_reached = status == AMB_OK && accuracy->has_field && accuracy->has_scatter &&
                            accuracy_stated(accuracy) <= (double)accuracy->target;
     if (!accuracy->has_field && accuracy->limit[0] == '\0')
         accuracy->limit = "light field: two levels of it exceed 2 GiB, its error is unknown";
+    else if (!accuracy->has_scatter && accuracy->limit[0] == '\0')
+        accuracy->limit = "later orders: the error of a tree cut is unknown";
     else if (accuracy->limit[0] == '\0' && !accuracy->is_reached)
         accuracy->limit = is_tubes(render) ? "light field: tubes are refined no further"
                                            : "light field: 16 times light_samples are the most";

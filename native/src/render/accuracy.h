@@ -2,13 +2,14 @@
  * A target error instead of budgets: picks the light field, and spends camera samples where the
  * picture needs them until it is reached.
  *
- *   stated^2 = noise^2 + field^2 + omitted^2, in units of the mean radiance,
+ *   stated^2 = noise^2 + field^2 + scatter^2 + omitted^2, in units of the mean radiance,
  *
  * over all channels of the pixels that show a translucent object (all pixels, if none does).
  * noise is what the two halves of the samples of the pixels differ by; field is what the light's
  * discretisation costs, by the differences of fields of several levels along the same camera
- * rays (field_error.h); omitted are the shares of effects that the plan left out. Decisions depend
- * on results alone, never on a clock or on threads. */
+ * rays (field_error.h), and scatter the same of photons in cells (accuracy_scatter.h); omitted are
+ * the shares of effects that the plan left out. Decisions depend on results alone, never on a clock
+ * or on threads. */
 #ifndef AMB_RENDER_ACCURACY_H
 #define AMB_RENDER_ACCURACY_H
 
@@ -19,10 +20,10 @@ struct AmbRender;
 
 typedef struct Accuracy {
     float target; /* 0: fixed budgets */
-    bool has_noise, has_field;
-    double noise, field; /* relative to the mean radiance */
-    double omitted;      /* the same, of effects that the plan left out */
-    double radiance;     /* that mean */
+    bool has_noise, has_field, has_scatter;
+    double noise, field, scatter; /* relative to the mean radiance */
+    double omitted;               /* the same, of effects that the plan left out */
+    double radiance;              /* that mean */
     bool is_reached;
     const char *limit; /* what keeps the error above the target, one phrase; "" if nothing */
     double samples_mean;
@@ -31,6 +32,7 @@ typedef struct Accuracy {
 
     Probe probe; /* empty unless fields were compared */
     uint32_t level, companion;
+    Probe scatter_probe; /* empty unless photons were; its last two levels count */
 } Accuracy;
 
 /* Error as far as it is known. */

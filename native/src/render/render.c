@@ -9,6 +9,7 @@
 #include <time.h>
 
 #include "base/memory.h"
+#include "render/accuracy_scatter.h"
 #include "render/report.h"
 
 const char *const STAGE_NAMES[STAGE_COUNT] = {"scene", "light", "field", "camera"};
@@ -264,11 +265,7 @@ static AmbStatus run_field(AmbRender *render, const LightField *light, Field **o
     return status;
 }
 
-/* Light of later orders, unless walks bring it. */
-static AmbStatus run_scatter(AmbRender *render, Scatter **out_scatter) {
-    *out_scatter = NULL;
-    if (render->plan.scatter_estimator == AMB_SCATTER_WALK)
-        return AMB_OK;
+AmbStatus render_build_scatter(AmbRender *render, Scatter **out_scatter) {
     set_stage(render, STAGE_FIELD);
     const StageClock begin = clock_stage(render);
     const AmbStatus status =
@@ -318,6 +315,27 @@ AmbStatus render_build_fitting_field(AmbRender *render, Field **out_field) {
     return status;
 }
 
+/* Light of later orders, unless walks bring it. */
+static AmbStatus run_scatter(AmbRender *render, Scatter **out_scatter) {
+    *out_scatter = NULL;
+    if (render->plan.scatter_estimator == AMB_SCATTER_WALK)
+        return AMB_OK;
+    AmbStatus status;
+    do
+        status = render_build_scatter(render, out_scatter);
+    while (try_coarser(render, status, plan_reduce_scatter));
+    return status;
+}
+
+AmbStatus render_probe_scatter(AmbRender *render, const Field *field) {
+    const StageClock begin = clock_stage(render);
+    const AmbStatus status =
+        probe_run(&render->accuracy.scatter_probe, render->scene, field, &render->plan.camera,
+                  render->crop_x, render->crop_y, &render->job);
+    charge_stage(render, STAGE_FIELD, begin);
+    return status;
+}
+
 AmbStatus render_probe(AmbRender *render, Field *const fields[2]) {
     const StageClock begin = clock_stage(render);
     Probe *probe = &render->accuracy.probe;
@@ -357,9 +375,12 @@ static AmbStatus run_light_side(AmbRender *render, Field **out_field) {
 }
 
 /* After what the camera pass knows from its parameters. */
-static AmbStatus run_field_and_camera(AmbRender *render) {
+static AmbStatus run_field_and_camera(AmbRender *render, Scatter **scatter) {
     Field *field = NULL;
     AmbStatus status = run_light_side(render, &field);
+    render->accuracy.has_scatter = *scatter == NULL;
+    if (status == AMB_OK && render->accuracy.target > 0.0f)
+        status = accuracy_refine_scatter(render, field, scatter);
     if (status == AMB_OK) {
         set_stage(render, STAGE_CAMERA);
         const StageClock begin = clock_stage(render);
@@ -385,7 +406,7 @@ static AmbStatus run_stages(AmbRender *render) {
     if (status == AMB_OK)
         status = run_scatter(render, &scatter);
     if (status == AMB_OK)
-        status = run_field_and_camera(render);
+        status = run_field_and_camera(render, &scatter);
     render->plan.camera.caustics = NULL;
     render->plan.camera.scatter = NULL;
     caustics_destroy(caustics);
@@ -442,6 +463,7 @@ static void init_lock(AmbRender *render) {
 static void release(AmbRender *render) {
     atomic_fetch_sub(&render->scene->render_count, 1);
     probe_clear(&render->accuracy.probe);
+    probe_clear(&render->accuracy.scatter_probe);
     plan_clear(&render->plan);
     film_clear(&render->film);
     memory_free(render->nonfinite_objects);

@@ -87,6 +87,10 @@ bool render_forgive_memory(AmbRender *render, AmbStatus status);
 /* The probes of render->accuracy seen through one more field, the second; the first is the one
  * before. */
 AmbStatus render_probe(AmbRender *render, Field *const fields[2]);
+/* Light of later orders as the plan has it now, seen by the camera from then on. */
+AmbStatus render_build_scatter(AmbRender *render, Scatter **out_scatter);
+/* The probes of render->accuracy.scatter_probe, through what the camera sees now. */
+AmbStatus render_probe_scatter(AmbRender *render, const Field *field);
 /* One more round of camera samples: quotas, by pixel of the film. */
 AmbStatus render_round(AmbRender *render, const Field *field, const uint32_t *quotas);
 /* The camera samples of all rounds, about, as far as is known. */

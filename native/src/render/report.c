@@ -178,12 +178,13 @@ static void add_scatter(Text *text, const AmbRender *render) {
 /* Relative errors; null where nothing was measured. */
 static void add_accuracy(Text *text, const AmbRender *render) {
     const Accuracy *accuracy = &render->accuracy;
-    const bool has_all = accuracy->has_noise && accuracy->has_field;
+    const bool has_all = accuracy->has_noise && accuracy->has_field && accuracy->has_scatter;
     const bool is_target = accuracy->target > 0.0f;
     add(text, "  \"accuracy\": {\"target\": %.9g, ", (double)accuracy->target);
     add_number(text, "stated", has_all, accuracy_stated(accuracy));
     add_number(text, "noise", accuracy->has_noise, accuracy->noise);
     add_number(text, "field", accuracy->has_field, accuracy->field);
+    add_number(text, "scatter", accuracy->has_scatter, accuracy->scatter);
     add_number(text, "omitted", render->has_plan, accuracy->omitted);
     add_number(text, "field_ratio", accuracy->convergence > 0.0, accuracy->convergence);
     add(text, "\"reached\": %s, \"limit\": \"%s\", ",

@@ -92,9 +92,9 @@ static AmbStatus create_banks(const AmbScene *scene, Trace *trace) {
     for (uint32_t o = 0; o < scene->object_count; ++o)
         bytes += trace->scatter->cells[o].cell_count * trace->scatter->cells[o].float_count * 4;
     const uint64_t fitting = BANK_BYTES_MAX / (bytes + 1);
-    trace->bank_count = fitting > BANK_COUNT_MAX ? BANK_COUNT_MAX
-                        : fitting > 1            ? (uint32_t)fitting
-                                                 : 1;
+    const uint32_t wanted = trace->walk.params->sum_count;
+    const uint32_t most = wanted > 0 && wanted < BANK_COUNT_MAX ? wanted : BANK_COUNT_MAX;
+    trace->bank_count = fitting > most ? most : fitting > 1 ? (uint32_t)fitting : 1;
     for (uint32_t b = 0; b < trace->bank_count; ++b) {
         Bank *bank = &trace->banks[b];
         bank->moments = memory_zero_array(scene->object_count, sizeof *bank->moments);

@@ -9,8 +9,9 @@
 typedef struct Scatter Scatter;
 
 typedef struct ScatterParams {
-    bool uses_tree_cut;     /* [Wang16]'s volume samples instead of photons; see tree_cut.h */
-    uint64_t photon_count;  /* to emit, over all lights, the world and objects; or samples */
+    bool uses_tree_cut;    /* [Wang16]'s volume samples instead of photons; see tree_cut.h */
+    uint64_t photon_count; /* to emit, over all lights, the world and objects; or samples */
+    uint32_t sum_count; /* photons: sums kept at most while they walk, and so threads; 0: enough */
     uint32_t light_bounces; /* internal reflections of light that has not scattered yet */
     uint32_t order_max;     /* scatterings to follow; 0: no limit */
     bool follows_through;   /* go on with light that leaves an object, to others behind it */
