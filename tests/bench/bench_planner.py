@@ -70,8 +70,8 @@ def compare(scenes: list[PlannerScene], size: int, repeat: int, **common: Any) -
 def finish(scenes: list[PlannerScene], size: int, target: float, **common: Any) -> None:
     """Scenes that show a translucent object."""
     ratios = []
-    print("| scene | stated | left out, as planned | true | true / target |")
-    print("|---|---|---|---|---|")
+    print("| scene | stated | left out, as planned | true | its bounds | true / target |")
+    print("|---|---|---|---|---|---|")
     for scene in scenes:
         known = truth(scene, size, effects=EVERYTHING, **(common | TRUTH))
         if not known.mask.any():
@@ -79,11 +79,12 @@ def finish(scenes: list[PlannerScene], size: int, target: float, **common: Any) 
         (image,), report = render_passes(
             scene, size, effects=EVERYTHING, effects_are_auto=1, accuracy=target, **common
         )
-        true = known.error(image)
+        true, (low, high) = known.error(image), known.bounds(image)
         ratios.append(true / target)
         print(
             f"| {scene.name} | {report['accuracy']['stated']:.2%} | "
-            f"{report['plan']['omitted']:.2%} | {true:.2%} | {ratios[-1]:.2f} |",
+            f"{report['plan']['omitted']:.2%} | {true:.2%} | {low:.1%} .. {high:.1%} | "
+            f"{ratios[-1]:.2f} |",
             flush=True,
         )
     below = [sum(ratio <= most for ratio in ratios) for most in (1.0, 1.1, 1.5)]

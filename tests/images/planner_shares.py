@@ -83,9 +83,16 @@ class Truth:
 
     def error(self, image: Array) -> float:
         """rel_rmse over the pixels that show a translucent object."""
+        return self.bounds(image, 0.0)[0]
+
+    def bounds(self, image: Array, sigmas: float = 2.0) -> tuple[float, float]:
+        """Between which it lies, so many standard errors of these pictures to either side."""
         a, b = (image[self.mask] - half[self.mask] for half in self.halves)
         radiance = float(np.mean([half[self.mask] for half in self.halves]))
-        return float(np.sqrt(max(np.mean(a * b), 0.0))) / radiance if radiance > 0 else 0.0
+        squares = np.mean(a * b, axis=-1)
+        spread = sigmas * float(squares.std() / np.sqrt(max(len(squares), 1)))
+        low, high = (max(float(squares.mean()) + sign * spread, 0.0) for sign in (-1, 1))
+        return (np.sqrt(low) / radiance, np.sqrt(high) / radiance) if radiance > 0 else (0.0, 0.0)
 
 
 def truth(scene: PlannerScene, size: int, **params: Any) -> Truth:
