@@ -5,6 +5,7 @@ pays for order 2.
     python3 tests/bench/bench_orders.py table [--runs 16]   # z-scores, as in docs/accuracy.md
     python3 tests/bench/bench_orders.py flux [--runs 16]    # watts in and out of spheres
     python3 tests/bench/bench_orders.py speed               # order 2, at equal error
+    python3 tests/bench/bench_orders.py full                # all orders against the first
 
 The tracer comes with the C tests: cmake --build build/dev --target order_tracer.
 """
@@ -20,12 +21,14 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "images"))
 
-from api import TUBES, render  # noqa: E402
+from api import SINGLE, TUBES, render  # noqa: E402
+from bumpy import bumpy, stage_cpu  # noqa: E402
 from order_scenes import (  # noqa: E402
     DOUBLE,
     LAMP,
     ORDERS,
     RADII,
+    SCATTERED,
     WALK,
     Ball,
     balance,
@@ -143,17 +146,51 @@ def speed() -> None:
         )
 
 
+def full(size: int, target: float) -> None:
+    """All that scatters in the paper's bumpy sphere, with the internal reflections that show at
+    this error, and its first passes alone, both to this error of their own."""
+    cases: list[tuple[str, int, dict[str, int]]] = [
+        ("order 1, no reflections", SINGLE, {}),
+        ("all orders and reflections", SCATTERED, {"effects_are_auto": 1}),
+    ]
+    costs = []
+    print("| picture | stated | field, CPU s | camera, CPU s | all, CPU s |")
+    print("|---|---|---|---|---|")
+    for name, effects, settings in cases:
+        image = render(
+            bumpy(),
+            size,
+            name="Combined",
+            effects=effects,
+            adjoint_normals=1,
+            accuracy=target,
+            threads=1,
+            **settings,
+        )
+        costs.append(stage_cpu(image))
+        field, camera = (stage_cpu(image, [stage]) for stage in ("field", "camera"))
+        stated = image.report["accuracy"]["stated"]
+        print(
+            f"| {name} | {stated:.2%} | {field:.2f} | {camera:.2f} | {costs[-1]:.2f} |", flush=True
+        )
+    print(f"\nratio {costs[1] / costs[0]:.1f} (bar 5)")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["table", "flux", "speed"])
+    parser.add_argument("what", choices=["table", "flux", "speed", "full"])
     parser.add_argument("--runs", type=int, default=16, help="of the table and the flux")
+    parser.add_argument("--size", type=int, default=64, help="of the full picture")
+    parser.add_argument("--accuracy", type=float, default=0.02, help="of the full picture")
     options = parser.parse_args()
     if options.what == "table":
         table(options.runs)
     elif options.what == "flux":
         flux(options.runs)
-    else:
+    elif options.what == "speed":
         speed()
+    else:
+        full(options.size, options.accuracy)
 
 
 if __name__ == "__main__":
