@@ -320,6 +320,7 @@ static void bad_lights_and_cameras_are_refused(void) {
     CAMERA_FAILS(0, c.to_world[7] = (float)NAN, "to_world");
     CAMERA_FAILS(0, c.window[1] = -0.5f, "window is empty");
     CAMERA_FAILS(0, c.window[2] = (float)NAN, "window");
+    CAMERA_FAILS(0, c.window[1] = 3e38f, "window");
     CAMERA_FAILS(0, c.clip_start = 0.0f, "clipping range");
     CAMERA_FAILS(0, c.clip_start = c.clip_end, "clipping range");
     CAMERA_FAILS(0, c.clip_end = -1.0f, "clip");

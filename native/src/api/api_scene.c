@@ -414,6 +414,9 @@ void amb_camera_init(AmbCamera *camera, uint32_t kind) {
         camera->to_world[5 * i] = 1.0f;
 }
 
+/* Beyond, differences of two are not finite, nor are rays. */
+static const float WINDOW_MAX = 1e18f;
+
 static AmbStatus check_camera(const AmbCamera *camera) {
     static const char *const name = "camera";
     if (camera->kind > AMB_CAMERA_ORTHOGRAPHIC)
@@ -422,7 +425,7 @@ static AmbStatus check_camera(const AmbCamera *camera) {
     const float determinant = mat4_determinant(camera->to_world);
     if (!isfinite(determinant) || determinant == 0.0f)
         return status_fail(AMB_INVALID_ARGUMENT, "the camera's transform is not invertible");
-    AMB_TRY(check_range(camera->window, 4, -FLT_MAX, FLT_MAX, "window", name));
+    AMB_TRY(check_range(camera->window, 4, -WINDOW_MAX, WINDOW_MAX, "window", name));
     if (!(camera->window[0] < camera->window[1]) || !(camera->window[2] < camera->window[3]))
         return status_fail(AMB_INVALID_ARGUMENT, "the camera's window is empty");
     AMB_TRY(check_range(&camera->clip_end, 1, -FLT_MAX, FLT_MAX, "clip_end", name));
