@@ -110,7 +110,10 @@ static void add_effects(Text *text, const AmbScene *scene, const Plan *plan, con
         add_share(text, "omitted", &effect->rest);
         add(text, ", ");
         double measured = 0.0;
-        const bool is_measured = effect->is_simulated && measured_share(&shares, i, &measured);
+        /* Cells hold light of lamps and of the surroundings together. */
+        const bool is_mixed = i == PLAN_WORLD_LIGHT && plan->scatter_estimator != AMB_SCATTER_WALK;
+        const bool is_measured =
+            effect->is_simulated && !is_mixed && measured_share(&shares, i, &measured);
         add_number(text, "measured", is_measured, measured);
         add(text, "\n");
         add_effect_objects(text, scene, plan, i);
