@@ -6,6 +6,7 @@
 
 #include "base/memory.h"
 #include "base/rng.h"
+#include "light/light_batch.h"
 
 enum {
     GRAIN = 1024,    /* rays of one unit of work */
@@ -28,15 +29,6 @@ static const float GROWTH_MAX = 16.0f;
 /* The same for light on its way to opaque surfaces, where nothing magnifies the rest. */
 static const float FLUX_MIN_LANDING = 1e-4f;
 
-/* Rays of one light towards one object. */
-typedef struct Batch {
-    LightEmission emission;
-    MediumStack start; /* media around the light */
-    uint32_t target;
-    uint64_t first; /* index of its first ray among all */
-    float shift;    /* of the ranks of its rays */
-} Batch;
-
 typedef struct Chunk {
     LightBeam *beams;
     uint32_t *owners; /* object of each beam */
@@ -51,7 +43,7 @@ typedef struct Tracer {
     const AmbScene *scene;
     const LightTraceParams *params;
     Job *job;
-    Batch *batches;
+    LightBatch *batches;
     uint64_t batch_count;
     Chunk *chunks;
 } Tracer;
@@ -281,7 +273,8 @@ static AmbStatus land(Chunk *chunk, const Branch *branch, const SurfacePoint *su
     return chunk_land(chunk, &landing);
 }
 
-static AmbStatus trace_ray(const Tracer *tracer, const Batch *batch, uint64_t index, Chunk *chunk) {
+static AmbStatus trace_ray(const Tracer *tracer, const LightBatch *batch, uint64_t index,
+                           Chunk *chunk) {
     const AmbScene *scene = tracer->scene;
     const LightTraceParams *params = tracer->params;
     const LightRay ray = light_emit(&batch->emission, index);
@@ -386,60 +379,21 @@ static AmbStatus trace_chunk(void *user, uint64_t begin, uint64_t end, uint32_t 
 static AmbStatus list_batches(Tracer *tracer) {
     const AmbScene *scene = tracer->scene;
     tracer->batches =
-        memory_zero_array((uint64_t)scene->light_count * scene->object_count, sizeof(Batch));
+        memory_zero_array((uint64_t)scene->light_count * scene->object_count, sizeof(LightBatch));
     if (tracer->batches == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light plan");
-    for (uint32_t l = 0; l < scene->light_count; ++l) {
-        const SceneLight *light = &scene->lights[l];
-        MediumStack start = {0};
-        if (light->kind != AMB_LIGHT_SUN)
-            start = scene_media_at(scene, light->position);
+    for (uint32_t l = 0; l < scene->light_count; ++l)
         for (uint32_t o = 0; o < scene->object_count; ++o) {
-            const SceneObject *object = &scene->objects[o];
-            /* Light that starts inside begins with the outermost object around it. */
             const bool is_target = tracer->params->targets == NULL || tracer->params->targets[o];
-            if (!object->is_boundary || !is_target || (start.count > 0 && start.objects[0] != o))
-                continue;
             const Rng rng = rng_create(tracer->params->seed, RNG_STAGE_LIGHT, l);
-            Batch batch = {.emission = {.light = light,
-                                        .target = object->center,
-                                        /* A little larger: rounding must not cut the rim. */
-                                        .target_radius = object->radius * 1.0001f,
-                                        .distance = 2.1f * scene->radius,
-                                        .count = 1,
-                                        .shift_u = rng_float(rng, 0),
-                                        .shift_v = rng_float(rng, 1)},
-                           .start = start,
-                           .target = o,
-                           .shift = rng_float(rng, 2)};
-            if (start.count > 0)
-                batch.emission.target_radius = INFINITY; /* every direction */
-            if (light_power_towards(&batch.emission) > 0.0f)
+            LightBatch batch;
+            if (!is_target || !light_batch_aim(scene, &scene->lights[l], o, rng, &batch))
+                continue;
+            batch.power = (double)light_power_towards(&batch.emission);
+            if (batch.power > 0.0)
                 tracer->batches[tracer->batch_count++] = batch;
         }
-    }
     return AMB_OK;
-}
-
-/* Shares the rays: half by the flux exchanged, half alike. By flux alone a bead beside a statue
- * would get no ray at all. */
-static void share_rays(Tracer *tracer) {
-    double total = 0.0;
-    for (uint64_t b = 0; b < tracer->batch_count; ++b)
-        total += (double)light_power_towards(&tracer->batches[b].emission);
-    double running = 0.0;
-    uint64_t first = 0;
-    for (uint64_t b = 0; b < tracer->batch_count; ++b) {
-        Batch *batch = &tracer->batches[b];
-        running += 0.5 * (double)light_power_towards(&batch->emission) / total +
-                   0.5 / (double)tracer->batch_count;
-        batch->first = first;
-        uint64_t end = (uint64_t)((double)tracer->params->ray_count * running);
-        if (b + 1 == tracer->batch_count)
-            end = tracer->params->ray_count;
-        batch->emission.count = end > first ? end - first : 0;
-        first = first + batch->emission.count;
-    }
 }
 
 static AmbStatus gather_chunks(const Tracer *tracer, uint64_t chunk_count, LightField *field) {
@@ -505,7 +459,7 @@ AmbStatus light_trace(const AmbScene *scene, const LightTraceParams *params, Job
     if (status == AMB_OK)
         status = list_batches(&tracer);
     if (status == AMB_OK && tracer.batch_count > 0) {
-        share_rays(&tracer);
+        light_batches_share(tracer.batches, tracer.batch_count, params->ray_count);
         atomic_store(&job->work_done, 0);
         atomic_store(&job->work_total, chunk_count);
         status = parallel_for(job, chunk_count, 1, trace_chunk, &tracer);

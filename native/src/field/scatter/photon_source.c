@@ -11,7 +11,7 @@ enum {
     PROBE_SURFACES = 32
 };
 
-static Photon emit_line(const PhotonBatch *batch, uint64_t i);
+static Photon emit_line(const LightBatch *batch, uint64_t i);
 
 /* Radiance of what is behind p against d, translucent objects left aside. */
 static Rgb background(const AmbScene *scene, Vec3 p, Vec3 d, Rng rng) {
@@ -27,8 +27,8 @@ static Rgb background(const AmbScene *scene, Vec3 p, Vec3 d, Rng rng) {
 }
 
 /* Flux from around an object towards it, W, about. */
-static double surroundings_power(const AmbScene *scene, const PhotonBatch *batch, uint32_t seed) {
-    PhotonBatch probe = *batch;
+static double surroundings_power(const AmbScene *scene, const LightBatch *batch, uint32_t seed) {
+    LightBatch probe = *batch;
     probe.emission.count = PROBE_LINES;
     double power = 0.0;
     for (uint32_t i = 0; i < PROBE_LINES; ++i) {
@@ -40,60 +40,21 @@ static double surroundings_power(const AmbScene *scene, const PhotonBatch *batch
     return power;
 }
 
-static void add_batch(PhotonSource *source, const PhotonBatch *batch) {
-    if (batch->power > 0.0)
-        source->batches[source->batch_count++] = *batch;
-}
-
 static void list_batches(const AmbScene *scene, bool has_surroundings, uint32_t seed,
                          PhotonSource *source) {
     const uint32_t last = scene->light_count; /* the surroundings come after the lamps */
     for (uint32_t l = 0; l < last + (has_surroundings ? 1u : 0u); ++l) {
         const SceneLight *light = l < last ? &scene->lights[l] : NULL;
-        MediumStack start = {0};
-        if (light != NULL && light->kind != AMB_LIGHT_SUN)
-            start = scene_media_at(scene, light->position);
         for (uint32_t o = 0; o < scene->object_count; ++o) {
-            const SceneObject *object = &scene->objects[o];
-            /* Light that starts inside begins with the outermost object around it. */
-            if (!object->is_boundary || (start.count > 0 && start.objects[0] != o))
-                continue;
             const Rng rng = rng_create(seed, RNG_STAGE_PHOTON, l);
-            PhotonBatch batch = {.emission = {.light = light,
-                                              .target = object->center,
-                                              /* A little larger: rounding must not cut the rim. */
-                                              .target_radius = object->radius * 1.0001f,
-                                              .distance = 2.1f * scene->radius,
-                                              .count = 1,
-                                              .shift_u = rng_float(rng, 0),
-                                              .shift_v = rng_float(rng, 1)},
-                                 .start = start,
-                                 .target = o};
-            if (start.count > 0)
-                batch.emission.target_radius = INFINITY; /* every direction */
+            LightBatch batch;
+            if (!light_batch_aim(scene, light, o, rng, &batch))
+                continue;
             batch.power = light != NULL ? (double)light_power_towards(&batch.emission)
                                         : surroundings_power(scene, &batch, seed);
-            add_batch(source, &batch);
+            if (batch.power > 0.0)
+                source->batches[source->batch_count++] = batch;
         }
-    }
-}
-
-/* Half by the flux, half alike: by flux alone a bead beside a statue would get none. */
-static void share_photons(PhotonSource *source) {
-    double total = 0.0;
-    for (uint64_t b = 0; b < source->batch_count; ++b)
-        total += source->batches[b].power;
-    double running = 0.0;
-    uint64_t first = 0;
-    for (uint64_t b = 0; b < source->batch_count; ++b) {
-        PhotonBatch *batch = &source->batches[b];
-        running += 0.5 * batch->power / total + 0.5 / (double)source->batch_count;
-        uint64_t end = (uint64_t)((double)source->photon_count * running);
-        if (b + 1 == source->batch_count)
-            end = source->photon_count;
-        batch->first = first;
-        batch->emission.count = end > first ? end - first : 0;
-        first += batch->emission.count;
     }
 }
 
@@ -101,11 +62,11 @@ AmbStatus photon_source_create(const AmbScene *scene, uint64_t photon_count, boo
                                uint32_t seed, PhotonSource *out_source) {
     *out_source = (PhotonSource){.photon_count = photon_count};
     out_source->batches = memory_zero_array(
-        ((uint64_t)scene->light_count + 1) * scene->object_count, sizeof(PhotonBatch));
+        ((uint64_t)scene->light_count + 1) * scene->object_count, sizeof(LightBatch));
     if (out_source->batches == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for the plan of photons");
     list_batches(scene, has_surroundings, seed, out_source);
-    share_photons(out_source);
+    light_batches_share(out_source->batches, out_source->batch_count, photon_count);
     if (out_source->batch_count == 0)
         out_source->photon_count = 0;
     return AMB_OK;
@@ -117,7 +78,7 @@ void photon_source_clear(PhotonSource *source) {
 }
 
 /* A line through the object's bounding sphere, and the flux along it of radiance 1. */
-static Photon emit_line(const PhotonBatch *batch, uint64_t i) {
+static Photon emit_line(const LightBatch *batch, uint64_t i) {
     const LightEmission *emission = &batch->emission;
     Photon photon = {.batch = batch};
     photon.d = sample_cap(sample_fibonacci(i, emission->count, emission->shift_v), 2.0f);
@@ -142,7 +103,7 @@ Photon photon_emit(const PhotonSource *source, uint64_t i) {
             high = middle;
     }
     /* Of batches without photons, which begin where the next one does, the last was found. */
-    const PhotonBatch *batch = &source->batches[low];
+    const LightBatch *batch = &source->batches[low];
     if (batch->emission.light == NULL)
         return emit_line(batch, i - batch->first);
     const LightRay ray = light_emit(&batch->emission, i - batch->first);

@@ -3,20 +3,10 @@
 #ifndef AMB_FIELD_SCATTER_PHOTON_SOURCE_H
 #define AMB_FIELD_SCATTER_PHOTON_SOURCE_H
 
-#include "base/rng.h"
-#include "scene/boundary.h"
-
-/* Photons of one lamp, or of its surroundings, towards one object. */
-typedef struct PhotonBatch {
-    LightEmission emission; /* light NULL: the surroundings, see photon_surroundings */
-    double power;           /* W, mean of the channels, about: divides photons among batches */
-    MediumStack start;      /* media around the lamp */
-    uint32_t target;
-    uint64_t first; /* index of its first photon among all */
-} PhotonBatch;
+#include "light/light_batch.h"
 
 typedef struct PhotonSource {
-    PhotonBatch *batches;
+    LightBatch *batches;
     uint64_t batch_count, photon_count;
 } PhotonSource;
 
@@ -24,7 +14,7 @@ typedef struct Photon {
     Vec3 o, d; /* d unit */
     float way; /* m, travelled before o */
     Rgb flux;  /* W; from the surroundings: for a radiance of 1 */
-    const PhotonBatch *batch;
+    const LightBatch *batch;
 } Photon;
 
 AmbStatus photon_source_create(const AmbScene *scene, uint64_t photon_count, bool has_surroundings,
