@@ -14,4 +14,4 @@ def test_random_scenes():
     outcomes = random_scenes.run(0, 20, said.append)
     assert outcomes[random_scenes.FAILED] == 0, "\n".join(said)
     # A generator of errors alone would show little.
-    assert outcomes[random_scenes.PICTURE] > 10
+    assert outcomes[random_scenes.PICTURE] >= 5

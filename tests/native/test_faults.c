@@ -87,13 +87,13 @@ typedef struct MemoryCase {
 static const MemoryCase MEMORY_CASES[] = {
     {"tubes", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 1, AMB_SCATTER_AUTO},
     {"tubes that reflect, two threads", AMB_ESTIMATOR_TUBES, 1, 0.0f, 2, 3, AMB_SCATTER_AUTO},
-    {"tubes to a target", AMB_ESTIMATOR_TUBES, 0, 1.0f, 1, 7, AMB_SCATTER_AUTO},
+    {"tubes to a target", AMB_ESTIMATOR_TUBES, 0, 1.0f, 1, 13, AMB_SCATTER_AUTO},
     {"points", AMB_ESTIMATOR_POINTS_FIXED, 1, 0.0f, 1, 1, AMB_SCATTER_AUTO},
-    {"points to a target", AMB_ESTIMATOR_POINTS_COVARIANCE, 0, 1.0f, 1, 7, AMB_SCATTER_AUTO},
+    {"points to a target", AMB_ESTIMATOR_POINTS_COVARIANCE, 0, 1.0f, 1, 19, AMB_SCATTER_AUTO},
     {"specular", AMB_ESTIMATOR_SPECULAR, 0, 0.0f, 1, 1, AMB_SCATTER_AUTO},
-    {"photons", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 5, AMB_SCATTER_PHOTONS},
-    {"photons to a target", AMB_ESTIMATOR_TUBES, 0, 1.0f, 1, 41, AMB_SCATTER_PHOTONS},
-    {"a tree cut", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 17, AMB_SCATTER_TREE_CUT},
+    {"photons", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 11, AMB_SCATTER_PHOTONS},
+    {"photons to a target", AMB_ESTIMATOR_TUBES, 0, 1.0f, 1, 97, AMB_SCATTER_PHOTONS},
+    {"a tree cut", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 41, AMB_SCATTER_TREE_CUT},
 };
 
 /* What must be true of a cycle in which memory may have failed; returns whether it gave a picture.

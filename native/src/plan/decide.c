@@ -24,8 +24,9 @@ static const Candidate CANDIDATES[] = {
 enum { CANDIDATE_COUNT = sizeof CANDIDATES / sizeof CANDIDATES[0] };
 
 static const double DEFAULT_ACCURACY = 0.01;
-/* Noise and light field have the rest of the target: sqrt(1 - 0.7^2) at worst. */
-static const double SHARE_PART = 0.5, OMITTED_PART = 0.7;
+/* Noise and light field have the rest of 0.85 of the target, which is what a render aims at:
+ * sqrt(0.85^2 - 0.6^2) = 0.6 at worst. */
+static const double SHARE_PART = 0.5, OMITTED_PART = 0.6;
 /* A share that the probes could not tell from the least one is taken as less where its estimate is
  * below this part of it: in the middle between half and the whole. */
 static const double UNDECIDED_PART = 0.75;
@@ -84,7 +85,7 @@ static Share beyond(const EffectShares *shares, const Candidate *candidate, uint
 
 static void skip(PlanEffect *effect) {
     effect->is_simulated = false;
-    effect->reason = "its share is less than the target's";
+    effect->reason = "too small to show";
     effect->count = 0;
 }
 
@@ -110,7 +111,7 @@ static uint32_t settle(const EffectShares *shares, const Candidate *candidate, d
     if (step == 0)
         skip(effect);
     else
-        effect->reason = "its share is more than the target's";
+        effect->reason = "large enough to show";
     return step;
 }
 

@@ -6,7 +6,7 @@
 #include "film/film_error.h"
 #include "render/render.h"
 
-/* Share of the target that the field may take: its squares leave half to the noise. */
+/* Share of the aim that the field may take: its squares leave half to the noise. */
 static const double FIELD_SHARE = 0.7;
 /* Bytes of the largest light field that is built without being asked for. */
 static const uint64_t FIELD_BYTES_MAX = 2ull << 30;
@@ -106,9 +106,8 @@ static AmbStatus climb_until_fine(AmbRender *render, Ladder *ladder) {
     Accuracy *accuracy = &render->accuracy;
     const FieldPrior *prior = is_tubes(render) ? &TUBES_PRIOR : &POINTS_PRIOR;
     const uint32_t levels_min = is_tubes(render) ? TUBES_LEVELS_MIN : POINTS_LEVELS_MIN;
-    const double target = (double)accuracy->target;
-    const double limit =
-        FIELD_SHARE * sqrt(target * target - accuracy->omitted * accuracy->omitted);
+    const double aim = accuracy_aim(accuracy);
+    const double limit = FIELD_SHARE * sqrt(aim * aim - accuracy->omitted * accuracy->omitted);
     const FieldDifferences *differences = &accuracy->probe.differences;
     for (uint32_t top = 0;; ++top) {
         /* The first is built, as coarse as it must be, even if caustics or photons gave way. */
@@ -529,11 +528,11 @@ static void count_samples(AmbRender *render) {
     pthread_mutex_unlock(&render->lock);
 }
 
-/* Noise to aim at: what the field and photons leave of the target. */
+/* Noise to aim at: what the field and photons leave. */
 static double noise_target(const Accuracy *accuracy) {
     const double light = accuracy->field * accuracy->field + accuracy->scatter * accuracy->scatter;
-    const double room = (double)accuracy->target * (double)accuracy->target - light -
-                        accuracy->omitted * accuracy->omitted;
+    const double aim = accuracy_aim(accuracy);
+    const double room = aim * aim - light - accuracy->omitted * accuracy->omitted;
     const double least = NOISE_OF_FIELD * sqrt(light);
     return sqrt(fmax(room, least * least));
 }

@@ -5,7 +5,7 @@
 #include "plan/plan_scatter.h"
 #include "render/render.h"
 
-/* Share that photons may take of what the field leaves of the target. */
+/* Share that photons may take of what the field leaves of the aim. */
 static const double SCATTER_SHARE = 0.7;
 /* Where the field's error alone exceeds the target, photons' of this part of it is good enough. */
 static const double SCATTER_OF_FIELD = 0.5;
@@ -48,8 +48,9 @@ static void take_error(Accuracy *accuracy) {
 }
 
 static double scatter_limit(const Accuracy *accuracy) {
-    const double room = (double)accuracy->target * (double)accuracy->target -
-                        accuracy->omitted * accuracy->omitted - accuracy->field * accuracy->field;
+    const double aim = accuracy_aim(accuracy);
+    const double room =
+        aim * aim - accuracy->omitted * accuracy->omitted - accuracy->field * accuracy->field;
     const double least = SCATTER_OF_FIELD * accuracy->field;
     return fmax(SCATTER_SHARE * sqrt(fmax(room, 0.0)), least);
 }
