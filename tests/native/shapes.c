@@ -119,6 +119,13 @@ uint32_t shape_add(AmbScene *scene, const AmbMesh *mesh, uint32_t material, floa
     return id;
 }
 
+void shape_commit(AmbScene *scene) {
+    AmbCamera camera;
+    amb_camera_init(&camera, AMB_CAMERA_PERSPECTIVE);
+    ENSURE_STATUS(amb_scene_set_camera(scene, &camera), AMB_OK);
+    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+}
+
 AmbMaterial shape_resin(float ior, float sigma_s, float sigma_a, float g) {
     AmbMaterial material;
     amb_material_init(&material);

@@ -28,6 +28,9 @@ AmbMesh shape_mesh(const Shape *shape, const char *name, bool is_smooth);
 uint32_t shape_add(AmbScene *scene, const AmbMesh *mesh, uint32_t material, float scale, float x,
                    float y, float z);
 
+/* Commits the scene, with a camera that nobody looks through. */
+void shape_commit(AmbScene *scene);
+
 /* A grey medium with one lobe behind a dielectric boundary. */
 AmbMaterial shape_resin(float ior, float sigma_s, float sigma_a, float g);
 

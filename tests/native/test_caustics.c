@@ -108,10 +108,7 @@ static AmbScene *ball_on_floor(float angle) {
     sun.angle = angle;
     uint32_t id = 0;
     ENSURE_STATUS(amb_scene_add_light(scene, &sun, &id), AMB_OK);
-    AmbCamera camera;
-    amb_camera_init(&camera, AMB_CAMERA_PERSPECTIVE);
-    ENSURE_STATUS(amb_scene_set_camera(scene, &camera), AMB_OK);
-    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+    shape_commit(scene);
     Job job;
     job_init(&job, 1);
     ENSURE_STATUS(scene_build(scene, &job), AMB_OK);

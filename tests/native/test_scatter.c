@@ -97,10 +97,7 @@ static AmbScene *furnace(AmbMaterial material) {
     shape_free(&shape);
     const float world[3] = {1, 1, 1};
     ENSURE_STATUS(amb_scene_set_world(scene, world), AMB_OK);
-    AmbCamera camera;
-    amb_camera_init(&camera, AMB_CAMERA_PERSPECTIVE);
-    ENSURE_STATUS(amb_scene_set_camera(scene, &camera), AMB_OK);
-    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+    shape_commit(scene);
     Job job;
     job_init(&job, 1);
     ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
@@ -202,10 +199,7 @@ static void volumes_of_a_box(void) {
     const AmbMesh mesh = shape_mesh(&shape, "box", false);
     shape_add(scene, &mesh, id, 1.0f, 0.0f, 0.0f, 0.0f);
     shape_free(&shape);
-    AmbCamera camera;
-    amb_camera_init(&camera, AMB_CAMERA_PERSPECTIVE);
-    ENSURE_STATUS(amb_scene_set_camera(scene, &camera), AMB_OK);
-    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+    shape_commit(scene);
     Job job;
     job_init(&job, 1);
     ENSURE_STATUS(scene_build(scene, &job), AMB_OK);

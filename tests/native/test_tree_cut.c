@@ -186,10 +186,7 @@ static AmbScene *endless(float radius, float albedo, float g) {
         light.color[c] = (float)(1.0 / (4.0 * PI));
     light.radius = 0.0f;
     ENSURE_STATUS(amb_scene_add_light(scene, &light, &id), AMB_OK);
-    AmbCamera camera;
-    amb_camera_init(&camera, AMB_CAMERA_PERSPECTIVE);
-    ENSURE_STATUS(amb_scene_set_camera(scene, &camera), AMB_OK);
-    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+    shape_commit(scene);
     Job job = job_of(1);
     ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
     return scene;
@@ -282,10 +279,7 @@ static void walls_block(void) {
     amb_light_init(&light, AMB_LIGHT_POINT);
     light.radius = 0.0f;
     ENSURE_STATUS(amb_scene_add_light(scene, &light, &id), AMB_OK);
-    AmbCamera camera;
-    amb_camera_init(&camera, AMB_CAMERA_PERSPECTIVE);
-    ENSURE_STATUS(amb_scene_set_camera(scene, &camera), AMB_OK);
-    ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+    shape_commit(scene);
     Job job = job_of(1);
     ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
     TreeCut *cut = cut_of(scene, 1 << 13, 1);
