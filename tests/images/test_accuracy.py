@@ -33,7 +33,7 @@ def reference(name: str) -> NDArray[np.float64]:
 
 def test_stated_error_is_the_true_one() -> None:
     """In nine runs of ten the true error is at most 1.5 times the stated one, and in nine of ten
-    at least its 1.5th part."""
+    at least its 1.5th part; in 95 of 100 it is within the target."""
     runs = []
     for name, build in honesty.scenes().items():
         truth = reference(name)
@@ -49,6 +49,7 @@ def test_stated_error_is_the_true_one() -> None:
     below, above = honesty.share_within(runs)
     assert below >= 0.9, table
     assert above >= 0.9, table
+    assert sum(run.true <= run.target for run in runs) >= 0.95 * len(runs), table
 
 
 def test_stated_error_sees_photons() -> None:
