@@ -146,12 +146,12 @@ static Rgb total_of(const ScatterRadiance *radiance) {
 
 /* ---- Cells ----------------------------------------------------------------------------------- */
 
-static void depths_of_a_sphere(void) {
-    AmbScene *scene = furnace(shape_resin(1.5f, 4.0f, 0.0f, 0.0f));
+/* Grids for cubes of that edge, in radii. */
+static void check_depths(const AmbScene *scene, float size) {
     Job job;
     job_init(&job, 1);
     DepthGrid grid;
-    ENSURE_STATUS(depth_grid_build(scene, 0, &job, &grid), AMB_OK);
+    ENSURE_STATUS(depth_grid_build(scene, 0, size, &job, &grid), AMB_OK);
     uint64_t state = 2;
     double worst = 0.0, excess = -1.0;
     for (int i = 0; i < 4000; ++i) {
@@ -166,6 +166,13 @@ static void depths_of_a_sphere(void) {
     ENSURE_NEAR(worst, 0.0, 0.9 * (double)grid.spacing);
     ENSURE(excess <= 0.0);
     depth_grid_clear(&grid);
+}
+
+static void depths_of_a_sphere(void) {
+    AmbScene *scene = furnace(shape_resin(1.5f, 4.0f, 0.0f, 0.0f));
+    check_depths(scene, 0.0f);
+    check_depths(scene, 0.15f);
+    check_depths(scene, 1.0f);
     amb_scene_destroy(scene);
 }
 

@@ -4,7 +4,12 @@
 
 #include "base/memory.h"
 
-enum { CELLS_ALONG = 48 }; /* of the longest side of the box */
+/* Along the longest side of the box. */
+enum { CELLS_MIN = 12, CELLS_MAX = 48 };
+
+/* Spacing, in edges of the cubes that the depths are for: what few photons blur needs no depth that
+ * is finer. */
+static const float SPACING = 0.35f;
 
 /* Nodes this near to a surface, in spacings, ask for its nearest point; others take the best of
  * what their neighbours have. */
@@ -27,17 +32,27 @@ static uint64_t node_index(const DepthGrid *grid, uint64_t i, uint64_t j, uint64
     return (k * grid->count[1] + j) * grid->count[0] + i;
 }
 
+/* No farther than what is nearest to the neighbour before, and a little more: the fewer triangles
+ * lie within reach, the faster is the answer. */
+static float reach_of(const Build *build, uint64_t node, uint64_t i, Vec3 p) {
+    const float reach = REACH * build->grid->spacing;
+    if (i == 0 || !isfinite(build->grid->nodes[node - 1]))
+        return reach;
+    return fminf(reach, 1.001f * vec3_length(vec3_sub(build->closest[node - 1], p)) +
+                            1e-3f * build->grid->spacing);
+}
+
 /* One layer of nodes near surfaces. */
 static AmbStatus find_closest(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
     (void)thread;
     const Build *build = user;
     const DepthGrid *grid = build->grid;
-    const float reach = REACH * grid->spacing;
     for (uint64_t k = begin; k < end; ++k)
         for (uint64_t j = 0; j < grid->count[1]; ++j)
             for (uint64_t i = 0; i < grid->count[0]; ++i) {
                 const Vec3 p = node_position(grid, i, j, k);
                 const uint64_t node = node_index(grid, i, j, k);
+                const float reach = reach_of(build, node, i, p);
                 grid->nodes[node] = INFINITY;
                 if (scene_closest(build->scene, p, reach, &build->closest[node]))
                     grid->nodes[node] = vec3_length(vec3_sub(build->closest[node], p));
@@ -101,7 +116,8 @@ static AmbStatus find_signs(void *user, uint64_t begin, uint64_t end, uint32_t t
     return AMB_OK;
 }
 
-AmbStatus depth_grid_build(const AmbScene *scene, uint32_t object, Job *job, DepthGrid *out_grid) {
+AmbStatus depth_grid_build(const AmbScene *scene, uint32_t object, float size, Job *job,
+                           DepthGrid *out_grid) {
     const SceneObject *shape = &scene->objects[object];
     const SceneMesh *mesh = &scene->meshes[shape->mesh];
     Vec3 low = shape->positions[0], high = low;
@@ -110,7 +126,8 @@ AmbStatus depth_grid_build(const AmbScene *scene, uint32_t object, Job *job, Dep
         high = vec3_max(high, shape->positions[v]);
     }
     const Vec3 extent = vec3_sub(high, low);
-    const float spacing = vec3_max_component(extent) / (float)CELLS_ALONG;
+    const float side = vec3_max_component(extent);
+    const float spacing = clampf(SPACING * size, side / (float)CELLS_MAX, side / (float)CELLS_MIN);
     *out_grid = (DepthGrid){.origin = vec3_sub(low, vec3(spacing, spacing, spacing)),
                             .spacing = spacing,
                             .count = {(uint32_t)(extent.x / spacing) + 4,

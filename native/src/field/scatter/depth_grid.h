@@ -14,7 +14,9 @@ typedef struct DepthGrid {
     float *nodes;
 } DepthGrid;
 
-AmbStatus depth_grid_build(const AmbScene *scene, uint32_t object, Job *job, DepthGrid *out_grid);
+/* For cubes of edge `size`, m. */
+AmbStatus depth_grid_build(const AmbScene *scene, uint32_t object, float size, Job *job,
+                           DepthGrid *out_grid);
 void depth_grid_clear(DepthGrid *grid);
 uint64_t depth_grid_bytes(const DepthGrid *grid);
 

@@ -333,7 +333,7 @@ AmbStatus scatter_cells_build(const AmbScene *scene, uint32_t object, float size
     place_lobes(out_cells);
     out_cells->slot_count = slot_count;
     out_cells->float_count = slot_count * harmonic_count(out_cells->harmonics.degree) * 4;
-    AMB_TRY(depth_grid_build(scene, object, job, &out_cells->depth));
+    AMB_TRY(depth_grid_build(scene, object, size, job, &out_cells->depth));
     place_layers(out_cells, shape->radius, size);
     place_nodes(out_cells, size);
     return measure_volumes(scene, object, job, out_cells);
