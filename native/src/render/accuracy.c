@@ -94,7 +94,10 @@ static AmbStatus climb(AmbRender *render, Ladder *ladder, bool *out_is_left_out)
     ladder->accounts[0] = ladder->accounts[1];
     ladder->fields[1] = field;
     ladder->accounts[1] = render->account;
-    return render_probe(render, ladder->fields);
+    const Field *const fields[2] = {ladder->fields[0], field};
+    const Scatter *scatter = render->plan.camera.scatter;
+    return render_probe(render, &render->accuracy.probe, fields,
+                        (const Scatter *const[2]){scatter, scatter}, true);
 }
 
 static double level_error(const Accuracy *accuracy, uint32_t level, const FieldPrior *prior) {
@@ -102,12 +105,16 @@ static double level_error(const Accuracy *accuracy, uint32_t level, const FieldP
     return accuracy->probe.radiance > 0.0 ? sqrt(square) / accuracy->probe.radiance : 0.0;
 }
 
+static double field_limit(const Accuracy *accuracy) {
+    const double aim = accuracy_aim(accuracy);
+    return FIELD_SHARE * sqrt(aim * aim - accuracy->omitted * accuracy->omitted);
+}
+
 static AmbStatus climb_until_fine(AmbRender *render, Ladder *ladder) {
     Accuracy *accuracy = &render->accuracy;
     const FieldPrior *prior = is_tubes(render) ? &TUBES_PRIOR : &POINTS_PRIOR;
     const uint32_t levels_min = is_tubes(render) ? TUBES_LEVELS_MIN : POINTS_LEVELS_MIN;
-    const double aim = accuracy_aim(accuracy);
-    const double limit = FIELD_SHARE * sqrt(aim * aim - accuracy->omitted * accuracy->omitted);
+    const double limit = field_limit(accuracy);
     const FieldDifferences *differences = &accuracy->probe.differences;
     for (uint32_t top = 0;; ++top) {
         /* The first is built, as coarse as it must be, even if caustics or photons gave way. */
@@ -148,7 +155,8 @@ AmbStatus accuracy_choose_field(AmbRender *render, Field **out_field) {
         accuracy->has_field = true;
         return render_build_field(render, out_field);
     }
-    AMB_TRY(probe_create(render->film.width, render->film.height, &accuracy->probe));
+    AMB_TRY(probe_create(render->film.width, render->film.height,
+                         ACCURACY_SMALL * field_limit(accuracy), &accuracy->probe));
     Ladder ladder = {.fields = {NULL, NULL}};
     const AmbStatus status = climb_until_fine(render, &ladder);
     if (status != AMB_OK) {

@@ -42,6 +42,10 @@ static inline double accuracy_aim(const Accuracy *accuracy) {
     return 0.85 * (double)accuracy->target;
 }
 
+/* An error of this part of what it may be need not be known well: what it adds to the stated one is
+ * an eighth of its square at most. */
+static const double ACCURACY_SMALL = 0.5;
+
 /* Error as far as it is known. */
 double accuracy_stated(const Accuracy *accuracy);
 

@@ -15,10 +15,12 @@ static const FieldPrior PHOTON_PRIOR = {{1.587, 0.333}, 1.3, 2.5, 0.85};
 /* Between the seeds of levels: their errors must have nothing in common but what cells blur. */
 static const uint32_t SEED_STEP = 0x9e3779b9u;
 
-/* The scatter's probe seen through photons. */
-static AmbStatus look(AmbRender *render, const Field *field, const Scatter *scatter) {
-    render->plan.camera.scatter = scatter;
-    return render_probe_scatter(render, field);
+/* The scatter's probe seen through photons, after coarser ones (NULL: none). */
+static AmbStatus look(AmbRender *render, const Field *field, const Scatter *coarse,
+                      const Scatter *scatter) {
+    return render_probe(render, &render->accuracy.scatter_probe,
+                        (const Field *const[2]){field, field},
+                        (const Scatter *const[2]){coarse, scatter}, false);
 }
 
 static AmbStatus measure_first(AmbRender *render, const Field *field, const Scatter *fine) {
@@ -31,12 +33,12 @@ static AmbStatus measure_first(AmbRender *render, const Field *field, const Scat
     AmbStatus status = render_build_scatter(render, &coarse);
     *params = kept;
     render->scatter = account;
-    if (status == AMB_OK)
-        status = look(render, field, coarse);
     render->plan.camera.scatter = fine;
-    scatter_destroy(coarse);
     if (status == AMB_OK)
-        status = look(render, field, fine);
+        status = look(render, field, NULL, coarse);
+    if (status == AMB_OK)
+        status = look(render, field, coarse, fine);
+    scatter_destroy(coarse);
     return status;
 }
 
@@ -71,7 +73,7 @@ static AmbStatus climb(AmbRender *render, const Field *field, Scatter **scatter,
         return *out_is_left_out ? AMB_OK : status;
     scatter_destroy(*scatter);
     *scatter = finer;
-    return look(render, field, finer);
+    return look(render, field, NULL, finer);
 }
 
 AmbStatus accuracy_refine_scatter(AmbRender *render, const Field *field, Scatter **scatter) {
@@ -79,7 +81,8 @@ AmbStatus accuracy_refine_scatter(AmbRender *render, const Field *field, Scatter
     const ScatterParams *params = &render->plan.scatter;
     if (*scatter == NULL || params->uses_tree_cut) /* of a tree cut nothing is known */
         return AMB_OK;
-    AMB_TRY(probe_create(render->film.width, render->film.height, &accuracy->scatter_probe));
+    AMB_TRY(probe_create(render->film.width, render->film.height,
+                         ACCURACY_SMALL * scatter_limit(accuracy), &accuracy->scatter_probe));
     const AmbStatus status = measure_first(render, field, *scatter);
     if (render_forgive_memory(render, status)) {
         accuracy->limit = "photons: a second set of them goes beyond memory_limit";

@@ -15,18 +15,20 @@ enum {
     PROBE_FOCUS = 2,          /* times the mean */
 };
 
+/* A squared difference is known to a tenth of itself where more samples are asked for no longer: an
+ * error that is stated from it to a twentieth. */
+static const double PROBE_SPREAD = 0.1;
+/* Standard errors to both sides. */
+static const double PROBE_SIGMAS = 2.0;
+
 typedef struct ProbePass {
     Probe *probe;
-    const AmbScene *scene;
-    const Field *field;
-    const CameraParams *camera;
-    uint32_t x, y;
+    const ProbeSight *sight;
     Job *job;
     uint32_t level;
-    bool is_focused_only; /* the pixels of many samples alone */
 } ProbePass;
 
-AmbStatus probe_create(uint32_t width, uint32_t height, Probe *out_probe) {
+AmbStatus probe_create(uint32_t width, uint32_t height, double small, Probe *out_probe) {
     const double edge = sqrt((double)width * height / PROBE_PIXELS);
     const uint32_t block = edge < 1.0               ? 1
                            : edge > PROBE_BLOCK_MAX ? PROBE_BLOCK_MAX
@@ -35,18 +37,15 @@ AmbStatus probe_create(uint32_t width, uint32_t height, Probe *out_probe) {
                          .height = height,
                          .block = block,
                          .blocks_x = (width + block - 1) / block,
-                         .blocks_y = (height + block - 1) / block};
-    out_probe->objects = memory_zero_array((uint64_t)out_probe->blocks_x * out_probe->blocks_y, 1);
-    out_probe->counts =
-        memory_alloc_array((uint64_t)out_probe->blocks_x * out_probe->blocks_y, sizeof(uint32_t));
+                         .blocks_y = (height + block - 1) / block,
+                         .small = small};
+    const uint64_t blocks = (uint64_t)out_probe->blocks_x * out_probe->blocks_y;
+    out_probe->objects = memory_zero_array(blocks, 1);
+    out_probe->counts = memory_alloc_array(blocks, sizeof(uint32_t));
     if (out_probe->objects == NULL || out_probe->counts == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the light field's error");
-    const uint64_t blocks = (uint64_t)out_probe->blocks_x * out_probe->blocks_y;
-    uint32_t samples = PROBE_SAMPLES;
-    while (samples < PROBE_SAMPLES_MANY && samples * blocks < PROBE_SAMPLES * PROBE_PIXELS)
-        samples *= 2;
     for (uint64_t i = 0; i < blocks; ++i)
-        out_probe->counts[i] = samples;
+        out_probe->counts[i] = PROBE_SAMPLES;
     return AMB_OK;
 }
 
@@ -58,31 +57,30 @@ void probe_clear(Probe *probe) {
     memset(probe, 0, sizeof *probe);
 }
 
-/* A block's pixel: by chance, for a fixed one of each would see patterns. */
-static AmbStatus probe_block(const ProbePass *pass, uint64_t index, ProbePixel *out_pixel) {
+/* A block's pixel: by chance, for a fixed one of each would see patterns. Goes on from the samples
+ * that it has. */
+static AmbStatus probe_block(const ProbePass *pass, uint64_t index, ProbePixel *pixel) {
     Probe *probe = pass->probe;
+    const ProbeSight *sight = pass->sight;
     const uint32_t x0 = (uint32_t)(index % probe->blocks_x) * probe->block;
     const uint32_t y0 = (uint32_t)(index / probe->blocks_x) * probe->block;
     const uint32_t width = probe->width - x0, height = probe->height - y0;
-    const Rng rng = rng_create(pass->camera->seed, RNG_STAGE_PROBE, index);
+    const Rng rng = rng_create(sight->camera->seed, RNG_STAGE_PROBE, index);
     const float u = rng_float(rng, 0), v = rng_float(rng, 1);
     const uint32_t x = x0 + (uint32_t)(u * (float)(width < probe->block ? width : probe->block));
     const uint32_t y = y0 + (uint32_t)(v * (float)(height < probe->block ? height : probe->block));
-    *out_pixel = (ProbePixel){.halves = {rgb(0, 0, 0), rgb(0, 0, 0)}};
-    const uint32_t count = probe->counts[index];
-    for (uint32_t i = 0; i < count; ++i) {
+    for (; pixel->count < probe->counts[index]; ++pixel->count) {
         if (job_is_cancelled(pass->job))
             return AMB_CANCELLED;
-        const CameraSample sample = camera_sample(pass->scene, pass->field, pass->camera,
-                                                  pass->x + x, pass->y + y, i, false);
+        const CameraSample sample = camera_sample(sight->scene, sight->field, sight->camera,
+                                                  sight->x + x, sight->y + y, pixel->count, false);
         const Rgb radiance = camera_sample_sum(&sample);
+        Rgb *sum = &pixel->sums[pixel->count % 2];
         if (rgb_is_finite(radiance))
-            out_pixel->halves[i % 2] = rgb_add(out_pixel->halves[i % 2], radiance);
+            *sum = rgb_add(*sum, radiance);
         if (sample.is_object)
             probe->objects[index] = 1;
     }
-    for (int h = 0; h < 2; ++h)
-        out_pixel->halves[h] = rgb_scale(out_pixel->halves[h], 2.0f / (float)count);
     return AMB_OK;
 }
 
@@ -91,14 +89,24 @@ static AmbStatus probe_blocks(void *user, uint64_t begin, uint64_t end, uint32_t
     const ProbePass *pass = user;
     ProbePixel *pixels = pass->probe->levels[pass->level];
     for (uint64_t i = begin; i < end; ++i)
-        if (!pass->is_focused_only || pass->probe->counts[i] == PROBE_SAMPLES_MANY)
-            AMB_TRY(probe_block(pass, i, &pixels[i]));
+        AMB_TRY(probe_block(pass, i, &pixels[i]));
     return AMB_OK;
 }
 
+static AmbStatus see_level(Probe *probe, uint32_t level, const ProbeSight *sight, Job *job) {
+    const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
+    ProbePass pass = {probe, sight, job, level};
+    return parallel_for(job, blocks, 16, probe_blocks, &pass);
+}
+
+static Rgb half_radiance(const Probe *probe, uint64_t block, uint32_t level, int half) {
+    const ProbePixel *pixel = &probe->levels[level][block];
+    return rgb_scale(pixel->sums[half], 2.0f / (float)pixel->count);
+}
+
 static Rgb difference(const Probe *probe, uint64_t block, uint32_t a, uint32_t b, int half) {
-    return rgb_add(probe->levels[a][block].halves[half],
-                   rgb_scale(probe->levels[b][block].halves[half], -1.0f));
+    return rgb_add(half_radiance(probe, block, a, half),
+                   rgb_scale(half_radiance(probe, block, b, half), -1.0f));
 }
 
 float probe_block_square(const Probe *probe, uint64_t block, uint32_t a, uint32_t b) {
@@ -120,12 +128,16 @@ static double block_square(const Probe *probe, uint64_t block, uint32_t a, uint3
         rgb_mul(difference(probe, block, a, b, 0), difference(probe, block, a, b, 1)));
 }
 
+static bool is_counted(const Probe *probe, uint64_t block, bool is_objects_only) {
+    return probe->objects[block] != 0 || !is_objects_only;
+}
+
 static double mean_square(const Probe *probe, uint32_t a, uint32_t b, bool is_objects_only) {
     const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
     double sum = 0.0;
     uint64_t count = 0;
     for (uint64_t i = 0; i < blocks; ++i)
-        if (probe->objects[i] != 0 || !is_objects_only) {
+        if (is_counted(probe, i, is_objects_only)) {
             sum += block_square(probe, i, a, b);
             ++count;
         }
@@ -137,9 +149,9 @@ static double mean_radiance(const Probe *probe, uint32_t level, bool is_objects_
     double sum = 0.0;
     uint64_t count = 0;
     for (uint64_t i = 0; i < blocks; ++i)
-        if (probe->objects[i] != 0 || !is_objects_only) {
-            const ProbePixel *pixel = &probe->levels[level][i];
-            sum += 0.5 * (double)rgb_mean(rgb_add(pixel->halves[0], pixel->halves[1]));
+        if (is_counted(probe, i, is_objects_only)) {
+            sum += 0.5 * (double)rgb_mean(rgb_add(half_radiance(probe, i, level, 0),
+                                                  half_radiance(probe, i, level, 1)));
             ++count;
         }
     return count > 0 ? sum / (double)count : 0.0;
@@ -155,34 +167,81 @@ static void compare_levels(Probe *probe, uint32_t level) {
     probe->radiance = mean_radiance(probe, level, is_objects_only);
 }
 
-AmbStatus probe_run(Probe *probe, const AmbScene *scene, const Field *field,
-                    const CameraParams *camera, uint32_t x, uint32_t y, Job *job) {
+AmbStatus probe_run(Probe *probe, const ProbeSight *sight, Job *job) {
     const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
     const uint32_t level = probe->level_count;
-    probe->levels[level] = memory_alloc_array(blocks, sizeof(ProbePixel));
+    probe->levels[level] = memory_zero_array(blocks, sizeof(ProbePixel));
     if (probe->levels[level] == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the light field's error");
-    ProbePass pass = {probe, scene, field, camera, x, y, job, level, false};
-    AMB_TRY(parallel_for(job, blocks, 16, probe_blocks, &pass));
+    AMB_TRY(see_level(probe, level, sight, job));
     probe->level_count = level + 1;
     probe->differences.level_count = level + 1;
     compare_levels(probe, level);
     return AMB_OK;
 }
 
-AmbStatus probe_focus(Probe *probe, const AmbScene *scene, Field *const fields[2],
-                      const CameraParams *camera, uint32_t x, uint32_t y, Job *job) {
+typedef struct SquareSum {
+    double sum, square_sum;
+    uint64_t count;
+} SquareSum;
+
+static void add_square(SquareSum *sum, double square) {
+    sum->sum += square;
+    sum->square_sum += square * square;
+    ++sum->count;
+}
+
+static double spread_of_mean(const SquareSum *sum) {
+    const double n = (double)sum->count, mean = sum->sum / n;
+    return sqrt(fmax(sum->square_sum / n - mean * mean, 0.0) / n);
+}
+
+typedef enum Knowledge { KNOWS_LITTLE, KNOWS_ENOUGH, IS_SMALL } Knowledge;
+
+/* What the samples tell of the first two levels' difference. It is small where the squares
+ * themselves are, which noise makes larger. */
+static Knowledge judge(const Probe *probe) {
     const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
+    const bool is_objects_only = has_objects(probe);
+    SquareSum products = {.count = 0}, squares = {.count = 0};
+    for (uint64_t i = 0; i < blocks; ++i)
+        if (is_counted(probe, i, is_objects_only)) {
+            add_square(&products, block_square(probe, i, 0, 1));
+            add_square(&squares, (double)probe_block_square(probe, i, 0, 1));
+        }
+    const double n = (double)squares.count, small = probe->small * probe->radiance;
+    if (squares.sum / n + PROBE_SIGMAS * spread_of_mean(&squares) <= small * small)
+        return IS_SMALL;
+    return spread_of_mean(&products) <= PROBE_SPREAD * products.sum / n ? KNOWS_ENOUGH
+                                                                        : KNOWS_LITTLE;
+}
+
+static AmbStatus see_both(Probe *probe, const ProbeSight sights[2], Job *job) {
+    for (uint32_t level = 0; level < 2; ++level)
+        AMB_TRY(see_level(probe, level, &sights[level], job));
+    compare_levels(probe, 1);
+    return AMB_OK;
+}
+
+AmbStatus probe_refine(Probe *probe, const ProbeSight sights[2], bool has_folds, Job *job) {
+    const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
+    uint32_t samples = PROBE_SAMPLES;
+    Knowledge knowledge = judge(probe);
+    while (knowledge == KNOWS_LITTLE && samples < PROBE_SAMPLES_MANY &&
+           samples * blocks < (uint64_t)PROBE_SAMPLES * PROBE_PIXELS) {
+        samples *= 2;
+        for (uint64_t i = 0; i < blocks; ++i)
+            probe->counts[i] = samples;
+        AMB_TRY(see_both(probe, sights, job));
+        knowledge = judge(probe);
+    }
+    if (!has_folds || knowledge == IS_SMALL)
+        return AMB_OK;
     double sum = 0.0;
     for (uint64_t i = 0; i < blocks; ++i)
         sum += (double)probe_block_square(probe, i, 0, 1);
     for (uint64_t i = 0; i < blocks; ++i)
         if ((double)probe_block_square(probe, i, 0, 1) * (double)blocks > PROBE_FOCUS * sum)
             probe->counts[i] = PROBE_SAMPLES_MANY;
-    for (uint32_t level = 0; level < 2; ++level) {
-        ProbePass pass = {probe, scene, fields[level], camera, x, y, job, level, true};
-        AMB_TRY(parallel_for(job, blocks, 16, probe_blocks, &pass));
-    }
-    compare_levels(probe, 1);
-    return AMB_OK;
+    return see_both(probe, sights, job);
 }

@@ -7,10 +7,19 @@
 #include "camera/camera_path.h"
 #include "render/field_error.h"
 
-/* Radiance of one probe pixel, by the two halves of its samples. */
+/* One probe pixel: sums of radiance over the two halves of its samples. */
 typedef struct ProbePixel {
-    Rgb halves[2];
+    Rgb sums[2];
+    uint32_t count; /* samples so far */
 } ProbePixel;
+
+/* What a level is: the light of a picture as its camera rays find it. */
+typedef struct ProbeSight {
+    const AmbScene *scene;
+    const Field *field;
+    const CameraParams *camera; /* its replicas must be 2 */
+    uint32_t x, y;              /* the film's corner in the image */
+} ProbeSight;
 
 /* One pixel of each square block. */
 typedef struct Probe {
@@ -19,23 +28,23 @@ typedef struct Probe {
     uint32_t blocks_x, blocks_y;
     uint8_t *objects; /* by block: 1 if its pixel shows a translucent object */
     uint32_t *counts; /* by block: samples of its pixel */
+    double small; /* an error of so much, in units of the mean radiance, need not be known well */
     ProbePixel *levels[FIELD_LEVEL_MAX];
     uint32_t level_count;
     FieldDifferences differences; /* over the pixels with objects, or all if there are none */
     double radiance;              /* mean over the same, of the newest level */
 } Probe;
 
-AmbStatus probe_create(uint32_t width, uint32_t height, Probe *out_probe);
+AmbStatus probe_create(uint32_t width, uint32_t height, double small, Probe *out_probe);
 void probe_clear(Probe *probe);
 
-/* Adds a level. camera: its replicas must be 2; x, y: the film's corner in the image. */
-AmbStatus probe_run(Probe *probe, const AmbScene *scene, const Field *field,
-                    const CameraParams *camera, uint32_t x, uint32_t y, Job *job);
+/* Adds a level. */
+AmbStatus probe_run(Probe *probe, const ProbeSight *sight, Job *job);
 
-/* After the first two levels: many samples for those pixels that make most of their difference,
- * in both and all that follow. It is that of few pixels, where light is focused. */
-AmbStatus probe_focus(Probe *probe, const AmbScene *scene, Field *const fields[2],
-                      const CameraParams *camera, uint32_t x, uint32_t y, Job *job);
+/* After the first two levels: more samples in both, and in all that follow, until their difference
+ * is known or small beyond doubt. has_folds: it is that of few pixels, where light is focused,
+ * which get many. */
+AmbStatus probe_refine(Probe *probe, const ProbeSight sights[2], bool has_folds, Job *job);
 
 /* Squared difference of two levels in a block's pixel, mean over channels, noise included. */
 float probe_block_square(const Probe *probe, uint64_t block, uint32_t a, uint32_t b);

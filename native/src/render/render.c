@@ -327,23 +327,19 @@ static AmbStatus run_scatter(AmbRender *render, Scatter **out_scatter) {
     return status;
 }
 
-AmbStatus render_probe_scatter(AmbRender *render, const Field *field) {
+AmbStatus render_probe(AmbRender *render, Probe *probe, const Field *const fields[2],
+                       const Scatter *const scatters[2], bool has_folds) {
     const StageClock begin = clock_stage(render);
-    const AmbStatus status =
-        probe_run(&render->accuracy.scatter_probe, render->scene, field, &render->plan.camera,
-                  render->crop_x, render->crop_y, &render->job);
-    charge_stage(render, STAGE_FIELD, begin);
-    return status;
-}
-
-AmbStatus render_probe(AmbRender *render, Field *const fields[2]) {
-    const StageClock begin = clock_stage(render);
-    Probe *probe = &render->accuracy.probe;
-    AmbStatus status = probe_run(probe, render->scene, fields[1], &render->plan.camera,
-                                 render->crop_x, render->crop_y, &render->job);
+    CameraParams cameras[2] = {render->plan.camera, render->plan.camera};
+    ProbeSight sights[2];
+    for (int i = 0; i < 2; ++i) {
+        cameras[i].scatter = scatters[i];
+        sights[i] =
+            (ProbeSight){render->scene, fields[i], &cameras[i], render->crop_x, render->crop_y};
+    }
+    AmbStatus status = probe_run(probe, &sights[1], &render->job);
     if (status == AMB_OK && probe->level_count == 2)
-        status = probe_focus(probe, render->scene, fields, &render->plan.camera, render->crop_x,
-                             render->crop_y, &render->job);
+        status = probe_refine(probe, sights, has_folds, &render->job);
     charge_stage(render, STAGE_FIELD, begin);
     return status;
 }

@@ -84,13 +84,13 @@ AmbStatus render_build_field(AmbRender *render, Field **out_field);
 AmbStatus render_build_fitting_field(AmbRender *render, Field **out_field);
 /* Whether a failure was the limit's of memory; if so, the next one will be told from it. */
 bool render_forgive_memory(AmbRender *render, AmbStatus status);
-/* The probes of render->accuracy seen through one more field, the second; the first is the one
- * before. */
-AmbStatus render_probe(AmbRender *render, Field *const fields[2]);
+/* One more level of a probe: light of fields[1] and of scatters[1] (NULL: none, or walks). [0] are
+ * the level before, of which a second level may ask for more samples. has_folds as in
+ * probe_refine. */
+AmbStatus render_probe(AmbRender *render, Probe *probe, const Field *const fields[2],
+                       const Scatter *const scatters[2], bool has_folds);
 /* Light of later orders as the plan has it now, seen by the camera from then on. */
 AmbStatus render_build_scatter(AmbRender *render, Scatter **out_scatter);
-/* The probes of render->accuracy.scatter_probe, through what the camera sees now. */
-AmbStatus render_probe_scatter(AmbRender *render, const Field *field);
 /* One more round of camera samples: quotas, by pixel of the film. */
 AmbStatus render_round(AmbRender *render, const Field *field, const uint32_t *quotas);
 /* The camera samples of all rounds, about, as far as is known. */
