@@ -303,6 +303,33 @@ static void positions_that_are_none(void) {
 
 /* ---- Sizes and places ------------------------------------------------------------------------ */
 
+/* The long faces of a bar are slivers, and a lamp is next to one of them. Quartered alike they
+ * would be eight million tubes; the light is that of points. */
+static void slivers_beside_a_lamp(void) {
+    Demo demo = small_demo();
+    shape_free(&demo.shape);
+    demo.shape = shape_box();
+    for (uint64_t v = 0; v < demo.shape.vertex_count; ++v)
+        demo.shape.positions[3 * v] *= 500.0f;
+    demo.is_smooth = demo.has_ground = false;
+    demo.light.position[0] = demo.light.position[1] = 0.1f;
+    demo.light.position[2] = 1.02f;
+    demo.params.effects = AMB_EFFECT_SINGLE_SCATTERING;
+    double means[2];
+    static const uint32_t estimators[2] = {AMB_ESTIMATOR_TUBES, AMB_ESTIMATOR_POINTS_FIXED};
+    demo.params.light_samples = 1 << 18;
+    for (int i = 0; i < 2; ++i) {
+        demo.params.estimator = estimators[i];
+        Picture picture = checked(&demo, "slivers beside a lamp");
+        means[i] = picture_mean(&picture, PASS_SINGLE);
+        const char *tubes = strstr(picture.report, "\"tubes\": ");
+        ENSURE(tubes != NULL && strtoul(tubes + strlen("\"tubes\": "), NULL, 10) < 300000);
+        picture_free(&picture);
+    }
+    ENSURE_NEAR(means[0] / means[1], 1.0, 0.03);
+    demo_free(&demo);
+}
+
 static void scales_and_offsets(void) {
     static const float scales[] = {1e-4f, 1e4f};
     for (size_t i = 0; i < 2; ++i) {
@@ -604,6 +631,7 @@ void test_bad_input(void) {
     RUN(free_paths_below_resolution);
     RUN(normals_that_are_none);
     RUN(positions_that_are_none);
+    RUN(slivers_beside_a_lamp);
     RUN(scales_and_offsets);
     RUN(image_sizes);
     RUN(extreme_parameters);

@@ -88,8 +88,8 @@ Corner tube_corner(const Face *face, float u, float v);
 /* Follows a light line from a point just inside the wall. */
 LineEnd tube_line_end(const Face *face, Vec3 from, Vec3 w);
 
-/* Adds what the walls reflect, up to params->bounces times, of a piece of the face's triangle that
- * was halved `level` times. */
-AmbStatus tubes_reflect(const Face *face, const Corner corners[3], uint32_t level);
+/* Adds what the walls reflect, up to params->bounces times, of a piece of the face's triangle, m^2.
+ */
+AmbStatus tubes_reflect(const Face *face, const Corner corners[3], float area);
 
 #endif

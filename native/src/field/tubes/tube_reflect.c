@@ -282,9 +282,10 @@ static Reflection plan_reflection(const Face *face, const Trail trails[3], uint3
                         .depth_max = spared < DEPTH_MAX ? DEPTH_MAX - spared : 0};
 }
 
-static AmbStatus follow(const Face *face, const Trail trails[3], uint32_t level, uint32_t bounce);
+static AmbStatus follow(const Face *face, const Trail trails[3], float area, uint32_t bounce);
 
-static AmbStatus divide(const Reflection *reflection, const Trail trails[3], uint32_t level,
+/* `area` of the face. */
+static AmbStatus divide(const Reflection *reflection, const Trail trails[3], float area,
                         uint32_t depth) {
     const Face *face = reflection->face;
     if (!(share_left(face, trails) > FLUX_MIN))
@@ -302,11 +303,10 @@ static AmbStatus divide(const Reflection *reflection, const Trail trails[3], uin
         }
         for (int k = 0; k < 3; ++k) {
             const Trail part[3] = {trails[k], middle[k], middle[(k + 2) % 3]};
-            AMB_TRY(divide(reflection, part, level + 1, depth + 1));
+            AMB_TRY(divide(reflection, part, 0.25f * area, depth + 1));
         }
-        return divide(reflection, middle, level + 1, depth + 1);
+        return divide(reflection, middle, 0.25f * area, depth + 1);
     }
-    const float area = face->area * ldexpf(1.0f, -2 * (int)level);
     const float expected = SMOOTH_FACTOR * ldexpf(1.0f, -(int)depth);
     const bool jumps = is_stepped ||
                        (angle > reflection->angle_max && angle > expected * reflection->angle) ||
@@ -322,20 +322,20 @@ static AmbStatus divide(const Reflection *reflection, const Trail trails[3], uin
     Trail next[3] = {trails[0], trails[1], trails[2]};
     for (int k = 0; k < 3; ++k)
         go_on(face, &next[k]);
-    return follow(face, next, level, reflection->bounce + 1);
+    return follow(face, next, area, reflection->bounce + 1);
 }
 
 /* Reflects a piece whose light lines came through all reflections before this one together. */
-static AmbStatus follow(const Face *face, const Trail trails[3], uint32_t level, uint32_t bounce) {
+static AmbStatus follow(const Face *face, const Trail trails[3], float area, uint32_t bounce) {
     if (!(share_left(face, trails) > FLUX_MIN))
         return AMB_OK;
     const Reflection reflection = plan_reflection(face, trails, bounce);
-    return divide(&reflection, trails, level, 0);
+    return divide(&reflection, trails, area, 0);
 }
 
-AmbStatus tubes_reflect(const Face *face, const Corner corners[3], uint32_t level) {
+AmbStatus tubes_reflect(const Face *face, const Corner corners[3], float area) {
     Trail trails[3];
     for (int k = 0; k < 3; ++k)
         trails[k] = begin_trail(face, &corners[k]);
-    return follow(face, trails, level, 1);
+    return follow(face, trails, area, 1);
 }

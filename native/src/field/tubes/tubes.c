@@ -13,14 +13,17 @@
 enum {
     GRAIN = 256,             /* triangles of one unit of work */
     REFLECTED_MAX = 1 << 17, /* reflected tubes of an object, apart from four for each triangle */
-    COARSE_LEVELS = 8, /* halvings at most of a triangle that is too large for what happens in it */
-    NEAR_LEVELS = 20,  /* the same where a lamp is next to it */
-    GAP_SURFACE_MAX = 8, /* other things between leaving an object and coming back */
-    EDGE_LEVELS = 3      /* further halvings where a shadow or a jump of the exit cuts a tube */
+    COARSE_HALVINGS = 16, /* at most of the area of a triangle too large for what happens in it */
+    NEAR_HALVINGS = 40,   /* the same where a lamp is next to it */
+    GAP_SURFACE_MAX = 8,  /* other things between leaving an object and coming back */
+    EDGE_LEVELS = 3       /* further quarterings where a shadow or a jump of the exit cuts a tube */
 };
 
 /* A spot's cone is covered by at least some tubes across, however large the triangle. */
 static const float SPOT_SHARE_MAX = 0.25f;
+/* Longest edge to height: pieces that are longer are halved across, not quartered alike, which for
+ * a sliver next to a lamp would take as many more. */
+static const float ASPECT_MAX = 8.0f;
 /* Next to where the zero curve is tangent to a caustic's, f is small and flat: the chord of a
  * triangle means nothing there, and that is where most of the error is made. Where f is bent by
  * more than this part of its range over the corners, a tube is looked at more closely; every
@@ -240,8 +243,11 @@ static bool is_coarse(const Face *face, const Corner corners[3]) {
     const Vec3 x[3] = {corners[0].x, corners[1].x, corners[2].x};
     const Vec3 w[3] = {corners[0].w, corners[1].w, corners[2].w};
     const float size = tube_largest_difference(x);
+    /* What directions darkness would have is nothing to be fine about. */
+    const bool is_lit = corners[0].is_lit || corners[1].is_lit || corners[2].is_lit;
     return size > TUBE_SIZE_SHARE_MAX * share * radius ||
-           tube_largest_difference(w) > TUBE_ANGLE_MAX * share || misses_spot(face, corners, size);
+           (is_lit && tube_largest_difference(w) > TUBE_ANGLE_MAX * share) ||
+           misses_spot(face, corners, size);
 }
 
 /* Whether a lamp is so near that its light differs too much between the corners, or its cone so
@@ -278,9 +284,8 @@ void tube_tally_add(double sum[3], Rgb color, double flux) {
     sum[2] += flux * (double)color.b;
 }
 
-static AmbStatus emit_tube(const Face *face, const Corner corners[3], uint32_t level) {
+static AmbStatus emit_tube(const Face *face, const Corner corners[3], float area) {
     const Cutter *cutter = face->cutter;
-    const float area = face->area * ldexpf(1.0f, -2 * (int)level);
     const SceneObject *object = &cutter->scene->objects[cutter->object];
     const Medium *medium = &cutter->scene->materials[object->inside].medium;
     CutTube cut_tube = {.material = face->material};
@@ -311,31 +316,66 @@ static AmbStatus emit_tube(const Face *face, const Corner corners[3], uint32_t l
     tube->far = 1.1f * tube->far + tube_largest_difference(tube->x);
     tube->bulge = bulge_of(face, corners);
     AMB_TRY(tube_chunk_append(face->chunk, &cut_tube));
-    return cutter->params->bounces > 0 ? tubes_reflect(face, corners, level) : AMB_OK;
+    return cutter->params->bounces > 0 ? tubes_reflect(face, corners, area) : AMB_OK;
 }
 
-static AmbStatus cut(const Face *face, const Corner corners[3], uint32_t level, uint32_t edges) {
-    const uint32_t refinement = face->cutter->params->refinement;
-    bool divides = level < refinement || (level < COARSE_LEVELS && is_coarse(face, corners)) ||
-                   (level >= COARSE_LEVELS && level < NEAR_LEVELS && is_near_lamp(face, corners));
+static AmbStatus cut(const Face *face, const Corner corners[3], uint32_t halvings, uint32_t edges);
+
+static Corner middle_of(const Face *face, const Corner *a, const Corner *b) {
+    return tube_corner(face, 0.5f * (a->u + b->u), 0.5f * (a->v + b->v));
+}
+
+static AmbStatus cut_in_four(const Face *face, const Corner corners[3], uint32_t halvings,
+                             uint32_t edges) {
+    Corner middle[3]; /* of the edges 01, 12, 20 */
+    for (int k = 0; k < 3; ++k)
+        middle[k] = middle_of(face, &corners[k], &corners[(k + 1) % 3]);
+    for (int k = 0; k < 3; ++k) {
+        const Corner part[3] = {corners[k], middle[k], middle[(k + 2) % 3]};
+        AMB_TRY(cut(face, part, halvings + 2, edges));
+    }
+    return cut(face, middle, halvings + 2, edges);
+}
+
+/* Through the middle of the edge from corner k. */
+static AmbStatus cut_across(const Face *face, const Corner corners[3], int k, uint32_t halvings,
+                            uint32_t edges) {
+    const int next = (k + 1) % 3, last = (k + 2) % 3;
+    const Corner middle = middle_of(face, &corners[k], &corners[next]);
+    const Corner first[3] = {corners[k], middle, corners[last]};
+    const Corner second[3] = {middle, corners[next], corners[last]};
+    AMB_TRY(cut(face, first, halvings + 1, edges));
+    return cut(face, second, halvings + 1, edges);
+}
+
+/* The longest edge, from which corner; -1: it is not long for a piece of that area. */
+static int edge_of_sliver(const Corner corners[3], float area) {
+    float length[3];
+    int longest = 0;
+    for (int k = 0; k < 3; ++k) {
+        length[k] = vec3_length(vec3_sub(corners[k].x, corners[(k + 1) % 3].x));
+        longest = length[k] > length[longest] ? k : longest;
+    }
+    return length[longest] * length[longest] > 2.0f * ASPECT_MAX * area ? longest : -1;
+}
+
+static AmbStatus cut(const Face *face, const Corner corners[3], uint32_t halvings, uint32_t edges) {
+    const float area = face->area * ldexpf(1.0f, -(int)halvings);
+    const bool is_near =
+        halvings >= COARSE_HALVINGS && halvings < NEAR_HALVINGS && is_near_lamp(face, corners);
+    bool divides = halvings < 2 * face->cutter->params->refinement ||
+                   (halvings < COARSE_HALVINGS && is_coarse(face, corners)) || is_near;
+    const int across = divides ? edge_of_sliver(corners, area) : -1;
     if (!divides && edges < EDGE_LEVELS && is_cut(corners)) {
         divides = true;
         ++edges;
     }
     if (!divides)
-        return emit_tube(face, corners, level);
+        return emit_tube(face, corners, area);
     if (job_is_cancelled(face->cutter->job))
         return AMB_CANCELLED;
-    Corner middle[3]; /* of the edges 01, 12, 20 */
-    for (int k = 0; k < 3; ++k) {
-        const Corner *a = &corners[k], *b = &corners[(k + 1) % 3];
-        middle[k] = tube_corner(face, 0.5f * (a->u + b->u), 0.5f * (a->v + b->v));
-    }
-    for (int k = 0; k < 3; ++k) {
-        const Corner part[3] = {corners[k], middle[k], middle[(k + 2) % 3]};
-        AMB_TRY(cut(face, part, level + 1, edges));
-    }
-    return cut(face, middle, level + 1, edges);
+    return across >= 0 ? cut_across(face, corners, across, halvings, edges)
+                       : cut_in_four(face, corners, halvings, edges);
 }
 
 static AmbStatus cut_triangle(const Cutter *cutter, const TubeSource *source, uint64_t triangle,
