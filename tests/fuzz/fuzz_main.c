@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * Runs a fuzz target without libFuzzer: amb_fuzz TARGET RUNS SEED [FILE ...]. Files first, then
- * RUNS strings of random bytes, or files with some bytes changed. Every run is a function of SEED
+ * Runs a fuzz target without libFuzzer: amb_fuzz TARGET RUNS SEED [FILE ...]. Files first, of which
+ * those called picture_* must give a picture and those called refused_* none; then RUNS strings of
+ * random bytes, or files with some bytes changed. Every run is a function of SEED
  * and its number, which is printed when it fails; =NUMBER in place of RUNS writes its bytes to
  * stdout. TARGET "all" is every target but scenes. */
 #include <stdarg.h>
@@ -18,6 +19,7 @@ enum { SIZE_MAX_RANDOM = 512, FILE_MAX = 4096, FILE_SIZE_MAX = 4096, REPORTED_RU
 static const double SLOW = 1.0;
 
 typedef struct Seed {
+    const char *path;
     uint8_t data[FILE_SIZE_MAX];
     size_t size;
 } Seed;
@@ -48,9 +50,21 @@ static bool read_seed(const char *path, Seed *out) {
     FILE *file = fopen(path, "rb");
     if (file == NULL)
         return false;
+    out->path = path;
     out->size = fread(out->data, 1, sizeof out->data, file);
     fclose(file);
     return true;
+}
+
+/* A scene from a file comes to what its name says: a seed that ends before it reaches what it is
+ * there for would test nothing. */
+static void run_seed_scene(const Seed *seed) {
+    const char *slash = strrchr(seed->path, '/'), *name = slash != NULL ? slash + 1 : seed->path;
+    const unsigned long long before = fuzz_scene_pictures();
+    fuzz_scene(seed->data, seed->size);
+    const bool is_picture = fuzz_scene_pictures() > before;
+    FUZZ_HOLDS(is_picture || strncmp(name, "picture_", 8) != 0, "%s gives no picture", seed->path);
+    FUZZ_HOLDS(!is_picture || strncmp(name, "refused_", 8) != 0, "%s is not refused", seed->path);
 }
 
 /* Random bytes, or those of a seed with up to eight changed; every other run. */
@@ -73,7 +87,10 @@ static void run_target(size_t target, unsigned long long runs, bool only, const 
                        size_t seed_count) {
     running = TARGETS[target].name;
     for (size_t i = 0; i < seed_count && !only; ++i)
-        TARGETS[target].run(seeds[i].data, seeds[i].size);
+        if (TARGETS[target].run == fuzz_scene)
+            run_seed_scene(&seeds[i]);
+        else
+            TARGETS[target].run(seeds[i].data, seeds[i].size);
     static uint8_t input[FILE_SIZE_MAX];
     for (run_number = only ? runs : 0; run_number < runs + only; ++run_number) {
         const size_t size = make_input(seeds, seed_count,
