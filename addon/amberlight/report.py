@@ -53,7 +53,8 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     if "rays" in light:
         what = f"{light['rays']} rays, {light.get('volume_samples', 0)} volume samples"
         if light.get("tubes"):
-            what = f"{light['tubes']} tubes"
+            rest = f" of {light.get('tube_bounces', 0)} reflections, the rest by {what}"
+            what = f"{light['tubes']} tubes" + (rest if light.get("volume_samples") else "")
         elif light.get("lit_triangles"):
             what = f"{light['lit_triangles']} lit triangles"
         lines.append("light: " + what)

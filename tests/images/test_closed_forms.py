@@ -533,10 +533,11 @@ def test_triangles_refuse_what_they_cannot_render(estimator: int) -> None:
     if estimator == SPECULAR:
         with pytest.raises(errors.AmbUnsupported, match="light_bounces"):
             render(build("outside"), 2, estimator=estimator, light_bounces=1)
-    for bounces, chosen in ((2, "TUBES"), (3, "POINTS_COVARIANCE")):
+    for bounces, has_points in ((2, False), (3, True)):
         scene = build("outside")
-        report = render(scene, 2, light_samples=2**10, light_bounces=bounces).report
-        assert report["estimator"] == chosen
+        report = render(scene, 2, light_samples=2**16, light_bounces=bounces).report
+        assert report["estimator"] == "TUBES"
+        assert (report["light"]["volume_samples"] > 0) == has_points
     assert render(build("outside"), 2).report["estimator"] == "TUBES"
     assert render(build("wide"), 2).report["estimator"] == "TUBES"
     if estimator == ESTIMATORS["SPECULAR"]:

@@ -87,6 +87,8 @@ typedef struct MemoryCase {
 static const MemoryCase MEMORY_CASES[] = {
     {"tubes", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 1, AMB_SCATTER_AUTO},
     {"tubes that reflect, two threads", AMB_ESTIMATOR_TUBES, 1, 0.0f, 2, 3, AMB_SCATTER_AUTO},
+    {"tubes and points", AMB_ESTIMATOR_TUBES, 3, 0.0f, 1, 3, AMB_SCATTER_AUTO},
+    {"tubes and points to a target", AMB_ESTIMATOR_TUBES, 3, 1.0f, 1, 41, AMB_SCATTER_AUTO},
     {"tubes to a target", AMB_ESTIMATOR_TUBES, 0, 1.0f, 1, 13, AMB_SCATTER_AUTO},
     {"points", AMB_ESTIMATOR_POINTS_FIXED, 1, 0.0f, 1, 1, AMB_SCATTER_AUTO},
     {"points to a target", AMB_ESTIMATOR_POINTS_COVARIANCE, 0, 1.0f, 1, 19, AMB_SCATTER_AUTO},

@@ -681,7 +681,7 @@ static void field_without_light_is_dark(void) {
     const FieldSegment segment = {{0, 0, 0}, {0, 0, 1}, 1.0f, 0, 0};
     const FieldRadiance out = field_gather(field, &segment);
     ENSURE(out.contribution == 0.0f && out.frequency == 0.0f && rgb_max(out.radiance) == 0.0f);
-    ENSURE(field_sample_count(field) == 0);
+    ENSURE(field_size(field).volume_samples == 0);
     field_destroy(field);
     field_destroy(NULL);
 }
@@ -707,7 +707,7 @@ static void field_places_about_the_samples_asked_for(void) {
         job_init(&job, 2);
         Field *field = NULL;
         ENSURE_STATUS(field_create(&scene, &light, &params, &job, &field), AMB_OK);
-        ENSURE_NEAR((double)field_sample_count(field) / (double)target, 1.0, 0.02);
+        ENSURE_NEAR((double)field_size(field).volume_samples / (double)target, 1.0, 0.02);
         field_destroy(field);
     }
 }

@@ -93,6 +93,10 @@ def test_summary():
     ]
     report["light"] = {"rays": 0, "volume_samples": 0, "tubes": 7}
     assert reports.summary_lines(report)[-1] == "light: 7 tubes"
+    report["light"] = {"rays": 5, "volume_samples": 6, "tubes": 7, "tube_bounces": 2}
+    assert reports.summary_lines(report)[-1] == (
+        "light: 7 tubes of 2 reflections, the rest by 5 rays, 6 volume samples"
+    )
     report["light"] = {"rays": 0, "volume_samples": 0, "tubes": 0, "lit_triangles": 8}
     assert reports.summary_lines(report)[-1] == "light: 8 lit triangles"
     assert reports.warning_lines(report) == ["open mesh (3 times)"]

@@ -276,8 +276,9 @@ enum {
     AMB_ESTIMATOR_POINTS_COVARIANCE = 2,
     AMB_ESTIMATOR_TUBES = 3,    /* lamps outside of every object, no object inside another; else
                                  * AMB_UNSUPPORTED. A lamp with an extent costs as much as 1 to 36
-                                 * without, the larger it is seen. AUTO takes it for 2 light_bounces
-                                 * at most */
+                                 * without, the larger it is seen. Volume samples join it for what
+                                 * it does not follow: later internal reflections of light, and
+                                 * light that has passed an object */
     AMB_ESTIMATOR_SPECULAR = 4, /* exact and slow, the reference of the others; for the same scenes
                                  * as TUBES but lamps of no extent and no light_bounces, never
                                  * chosen by AUTO */
@@ -319,7 +320,8 @@ typedef struct AmbRenderParams {
     uint32_t samples;                                 /* camera samples per pixel, >= 1 */
     uint32_t estimator;                               /* AMB_ESTIMATOR_* */
     uint32_t effects;                                 /* AMB_EFFECT_* bits that may be simulated */
-    uint64_t light_samples;   /* volume samples of the point estimators, >= 1 */
+    uint64_t light_samples;   /* volume samples of the point estimators, >= 1; those that join TUBES
+                               * are a fourth of them */
     float kernel_size;        /* C_k of eq. 8: kernel cross-section in units of the cross-section
                                * of one refracted sample, i.e. samples that overlap a point; > 0 */
     uint32_t light_bounces;   /* internal reflections followed on the light side */

@@ -25,7 +25,8 @@ typedef struct CameraParams {
     uint32_t seed;
     uint32_t part_count; /* of the light field and of caustics: a sample sees the light of one part,
                           * a pixel of all in turn; 0: all of it at once */
-    uint32_t order_max;  /* scatterings after which light is left out; 0: no limit */
+    bool gathers_by_chance; /* along branches of little throughput */
+    uint32_t order_max;     /* scatterings after which light is left out; 0: no limit */
     bool film_transparent;
     bool may_start_inside;  /* a translucent object is near where camera rays begin */
     bool shines_through;    /* light reaches opaque surfaces through translucent objects; else

@@ -50,7 +50,7 @@ static inline Sample2 walker_random2(Walker *walker) {
 /* Whether to gather for a path of this throughput, and as how much: 0 is never, by chance. */
 static inline float walker_gathers(Walker *walker, Rgb throughput) {
     const float strongest = rgb_max(throughput);
-    if (walker->params->part_count <= 1 || strongest >= WALKER_GATHER_THROUGHPUT)
+    if (!walker->params->gathers_by_chance || strongest >= WALKER_GATHER_THROUGHPUT)
         return 1.0f;
     const float chance = strongest / WALKER_GATHER_THROUGHPUT;
     return walker_random(walker) < chance ? 1.0f / chance : 0.0f;

@@ -12,13 +12,15 @@
 struct Field {
     uint32_t object_count;
     atomic_uint_least64_t *nonfinite; /* by object */
-    PointCloud *clouds;               /* by object and part; the point estimators */
+    PointCloud *clouds;               /* by object and part; of the light pass's beams, or NULL */
     uint32_t part_count;
     TubeField *tubes; /* by object; TUBES, else NULL */
     TubeCount tube_count;
     SpecularField *specular; /* by object; SPECULAR, else NULL */
     SpecularCount specular_count;
 };
+
+enum { BEAM_SAMPLES_MAX = 8 };
 
 static bool is_target(const FieldParams *params, uint32_t object) {
     return params->targets == NULL || params->targets[object];
@@ -31,14 +33,20 @@ static AmbStatus create_points(const AmbScene *scene, const LightField *light,
         memory_zero_array((uint64_t)scene->object_count * field->part_count, sizeof(PointCloud));
     if (field->clouds == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for the light field");
-    double total_length = 0.0;
-    for (uint32_t o = 0; o < light->object_count; ++o)
+    double total_length = 0.0, target = (double)params->sample_target;
+    uint64_t beam_count = 0;
+    for (uint32_t o = 0; o < light->object_count; ++o) {
+        beam_count += light->objects[o].count;
         for (uint64_t i = 0; i < light->objects[o].count; ++i)
             total_length += (double)light->objects[o].beams[i].length;
+    }
+    /* Of the light that tubes leave to points there may be next to nothing. */
+    if (field->tubes != NULL)
+        target = fmin(target, (double)(BEAM_SAMPLES_MAX * beam_count));
     PointParams point_params = {.follows_covariance =
-                                    params->estimator == AMB_ESTIMATOR_POINTS_COVARIANCE,
+                                    params->estimator != AMB_ESTIMATOR_POINTS_FIXED,
                                 .kernel_size = params->kernel_size,
-                                .spacing = (float)(total_length / (double)params->sample_target),
+                                .spacing = (float)(total_length / target),
                                 .part_count = field->part_count};
     for (uint32_t o = 0; o < scene->object_count; ++o)
         if (light->objects[o].count > 0 && is_target(params, o)) {
@@ -82,11 +90,12 @@ static AmbStatus create_specular(const AmbScene *scene, const FieldParams *param
 
 static AmbStatus create_by_estimator(const AmbScene *scene, const LightField *light,
                                      const FieldParams *params, Job *job, Field *field) {
-    if (params->estimator == AMB_ESTIMATOR_TUBES)
-        return create_tubes(scene, params, job, field);
     if (params->estimator == AMB_ESTIMATOR_SPECULAR)
         return create_specular(scene, params, job, field);
-    return create_points(scene, light, params, job, field);
+    if (params->estimator == AMB_ESTIMATOR_TUBES)
+        AMB_TRY(create_tubes(scene, params, job, field));
+    const bool has_beams = light != NULL && light->object_count > 0;
+    return has_beams ? create_points(scene, light, params, job, field) : AMB_OK;
 }
 
 AmbStatus field_create(const AmbScene *scene, const LightField *light, const FieldParams *params,
@@ -146,14 +155,21 @@ static FieldRadiance gather_points(const Field *field, const FieldSegment *segme
 
 static FieldRadiance gather(const Field *field, const FieldSegment *segment, bool has_frequency) {
     const uint32_t o = segment->object;
+    FieldRadiance sum = {.radiance = {0, 0, 0}};
     if (field->tubes != NULL && field->tubes[o].tube_count > 0)
-        return tubes_gather(&field->tubes[o], segment->o, segment->d, segment->length,
-                            has_frequency);
+        sum =
+            tubes_gather(&field->tubes[o], segment->o, segment->d, segment->length, has_frequency);
     if (field->specular != NULL && field->specular[o].tree.cell_count > 0)
-        return specular_gather(&field->specular[o], segment->o, segment->d, segment->length);
-    if (field->clouds != NULL)
-        return gather_points(field, segment);
-    return (FieldRadiance){.radiance = {0, 0, 0}};
+        sum = specular_gather(&field->specular[o], segment->o, segment->d, segment->length);
+    if (field->clouds == NULL)
+        return sum;
+    const FieldRadiance points = gather_points(field, segment);
+    if (field->tubes == NULL)
+        return points;
+    sum.radiance = rgb_add(sum.radiance, points.radiance);
+    sum.frequency += points.frequency;
+    sum.contribution += points.contribution;
+    return sum;
 }
 
 static FieldRadiance gather_finite(const Field *field, const FieldSegment *segment,
@@ -177,37 +193,38 @@ uint64_t field_nonfinite(const Field *field, uint32_t object) {
     return atomic_load(&field->nonfinite[object]);
 }
 
-uint64_t field_bytes(const Field *field) {
-    uint64_t bytes = 0;
+FieldSize field_size(const Field *field) {
+    FieldSize size = {.bytes = 0};
     for (uint32_t o = 0; o < field->object_count; ++o) {
-        if (field->tubes != NULL)
-            bytes += tubes_bytes(&field->tubes[o]);
-        else if (field->specular != NULL)
-            bytes += specular_bytes(&field->specular[o]);
-        for (uint32_t k = 0; field->clouds != NULL && k < field->part_count; ++k)
-            bytes += points_bytes(&field->clouds[o * field->part_count + k]);
+        if (field->tubes != NULL) {
+            size.tubes += field->tubes[o].tube_count;
+            size.bytes += tubes_bytes(&field->tubes[o]);
+        }
+        if (field->specular != NULL) {
+            size.lit_triangles += field->specular[o].tree.cell_count;
+            size.bytes += specular_bytes(&field->specular[o]);
+        }
+        for (uint32_t k = 0; field->clouds != NULL && k < field->part_count; ++k) {
+            const PointCloud *cloud = &field->clouds[o * field->part_count + k];
+            size.volume_samples += cloud->sample_count;
+            size.point_bytes += points_bytes(cloud);
+        }
     }
-    return bytes;
+    size.bytes += size.point_bytes;
+    return size;
 }
 
-uint64_t field_sample_count(const Field *field) {
-    uint64_t count = 0;
-    for (uint32_t o = 0; o < field->object_count; ++o) {
-        if (field->tubes != NULL)
-            count += field->tubes[o].tube_count;
-        else if (field->specular != NULL)
-            count += field->specular[o].tree.cell_count;
-        for (uint32_t k = 0; field->clouds != NULL && k < field->part_count; ++k)
-            count += field->clouds[o * field->part_count + k].sample_count;
+void field_tally(const Field *field, LightTally *tally, uint64_t *leak_count) {
+    const LightTally *own = field->tubes != NULL      ? &field->tube_count.tally
+                            : field->specular != NULL ? &field->specular_count.tally
+                                                      : NULL;
+    if (own == NULL)
+        return;
+    for (int k = 0; k < 3; ++k) {
+        tally->incident[k] = own->incident[k];
+        tally->entered[k] = own->entered[k];
+        tally->interacting[k] += own->interacting[k];
     }
-    return count;
-}
-
-bool field_tally(const Field *field, LightTally *out_tally, uint64_t *out_leak_count) {
-    if (field->clouds != NULL)
-        return false;
-    const bool is_tubes = field->tubes != NULL;
-    *out_tally = is_tubes ? field->tube_count.tally : field->specular_count.tally;
-    *out_leak_count = is_tubes ? field->tube_count.leak_count : field->specular_count.leak_count;
-    return true;
+    *leak_count +=
+        field->tubes != NULL ? field->tube_count.leak_count : field->specular_count.leak_count;
 }

@@ -8,11 +8,12 @@
 typedef struct Field Field;
 
 typedef struct FieldParams {
-    uint32_t estimator;       /* AMB_ESTIMATOR_*, not AUTO */
+    uint32_t estimator;       /* AMB_ESTIMATOR_*, not AUTO; TUBES: with points for the light pass's
+                               * beams, which carry what tubes do not */
     uint64_t sample_target;   /* points: volume samples to place, about */
     float kernel_size;        /* points: C_k of [Liang19] eq. 8 */
     uint32_t tube_refinement; /* tubes: each triangle is halved that many times along its edges */
-    uint32_t light_bounces;   /* tubes: internal reflections to follow; points as above */
+    uint32_t light_bounces;   /* tubes: internal reflections to follow */
     uint32_t part_count;      /* points: parts that can be gathered one at a time; 0: one */
     const bool *targets;      /* by object: those that have a field; NULL: all */
     bool adjoint_normals;     /* tubes and specular: see BoundaryCrossing; points have it from the
@@ -35,7 +36,8 @@ typedef struct FieldRadiance {
 } FieldRadiance;
 
 /* Builds the field of an estimator: points from the light pass; tubes and specular, which refract
- * at the mesh's own triangles, from the scene, and light may be NULL. The scene must outlive it. */
+ * at the mesh's own triangles, from the scene, and light may be NULL. Where it is not, tubes are
+ * joined by points for its beams. The scene must outlive it. */
 AmbStatus field_create(const AmbScene *scene, const LightField *light, const FieldParams *params,
                        Job *job, Field **out_field);
 void field_destroy(Field *field);
@@ -51,11 +53,17 @@ FieldRadiance field_gather_frequency(const Field *field, const FieldSegment *seg
 /* How many of them were born in an object: above zero it is a defect. */
 uint64_t field_nonfinite(const Field *field, uint32_t object);
 
-uint64_t field_bytes(const Field *field);
-uint64_t field_sample_count(const Field *field); /* volume samples, tubes, lit triangles */
+/* What a field is made of. */
+typedef struct FieldSize {
+    uint64_t volume_samples, tubes, lit_triangles;
+    uint64_t point_bytes, bytes; /* of volume samples; of all */
+} FieldSize;
 
-/* Flux that tubes or lit triangles take up, and light lines that left through holes: what the light
- * pass says of points. False, and nothing is written, for points. */
-bool field_tally(const Field *field, LightTally *out_tally, uint64_t *out_leak_count);
+FieldSize field_size(const Field *field);
+
+/* Adds the flux that tubes or lit triangles take up, and light lines that left through holes, to
+ * what the light pass says of points; what arrives and enters replaces the light pass's, which
+ * traced the same. */
+void field_tally(const Field *field, LightTally *tally, uint64_t *leak_count);
 
 #endif

@@ -123,9 +123,15 @@ static float rank_left(const Branch *branch) {
     return fminf(branch->rank * branch->stands_for, 1.0f - 0x1p-24f);
 }
 
+static bool is_carried(const LightTraceParams *params, const Branch *branch) {
+    return !branch->has_passed && branch->bounces < params->carried;
+}
+
 /* Emits the stretch of a branch inside a medium and attenuates it to its end. */
-static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, float length,
-                           float end_slope, bool keeps_beams) {
+static AmbStatus emit_beam(Chunk *chunk, const Tracer *tracer, Branch *branch, float length,
+                           float end_slope) {
+    const AmbScene *scene = tracer->scene;
+    const bool is_kept = !is_carried(tracer->params, branch);
     const Medium *medium = &medium_stack_material(scene, &branch->stack)->medium;
     const float clearest = rgb_min(medium->sigma_t);
     float visible = length;
@@ -134,11 +140,12 @@ static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, 
         end_slope = 0.0f;
     }
     const Rgb transmittance = medium_transmittance(medium, length);
-    tally_add(chunk->tally.interacting,
-              rgb_mul(branch->flux,
-                      rgb(1.0f - transmittance.r, 1.0f - transmittance.g, 1.0f - transmittance.b)));
+    if (is_kept)
+        tally_add(chunk->tally.interacting,
+                  rgb_mul(branch->flux, rgb(1.0f - transmittance.r, 1.0f - transmittance.g,
+                                            1.0f - transmittance.b)));
     AmbStatus status = AMB_OK;
-    if (keeps_beams && medium_scatters(medium)) {
+    if (!tracer->params->lands && medium_scatters(medium)) {
         LightBeam beam = {.origin = branch->o,
                           .direction = branch->d,
                           .length = visible,
@@ -166,7 +173,7 @@ static AmbStatus emit_beam(Chunk *chunk, const AmbScene *scene, Branch *branch, 
         }
         beam.entry_area = branch->entry_area;
         beam.cell_area = branch->cell_area * branch->stands_for;
-        if (beam.cell_area > 0.0f)
+        if (is_kept && beam.cell_area > 0.0f)
             status = chunk_append(chunk, &beam, medium_stack_top(&branch->stack));
     }
     branch->flux = rgb_mul(branch->flux, transmittance);
@@ -308,8 +315,7 @@ static AmbStatus trace_ray(const Tracer *tracer, const LightBatch *batch, uint64
         if (!is_hit) {
             if (!is_outside) {
                 ++chunk->leak_count;
-                AMB_TRY(emit_beam(chunk, scene, &branch, scene_end(scene, branch.o), 0.0f,
-                                  !params->lands));
+                AMB_TRY(emit_beam(chunk, tracer, &branch, scene_end(scene, branch.o), 0.0f));
             }
             continue;
         }
@@ -320,7 +326,7 @@ static AmbStatus trace_ray(const Tracer *tracer, const LightBatch *batch, uint64
                 rgb_scale(branch.flux, disc_falloff(batch->emission.light, ray.way + length));
         const float cos_face = vec3_dot(branch.d, ng);
         if (!is_outside)
-            AMB_TRY(emit_beam(chunk, scene, &branch, length, slope(cos_face), !params->lands));
+            AMB_TRY(emit_beam(chunk, tracer, &branch, length, slope(cos_face)));
         for (int k = 0; k < TANGENT_COUNT; ++k)
             branch.pairs[k] = tangent_travel_to_surface(branch.pairs[k], length, branch.d, ng);
         if (next_surface.is_opaque) {

@@ -68,6 +68,9 @@ typedef struct LightTraceParams {
     uint64_t ray_count;   /* to emit, over all lights and objects */
     uint32_t bounces;     /* internal reflections to follow */
     bool follows_through; /* go on with light that leaves an object, to others behind it */
+    uint32_t carried;     /* stretches of light inside the first object that it comes into, before
+                           * so many reflections, are followed but neither kept nor counted as
+                           * interacting: tubes carry them */
     const bool *targets;  /* by object: those that light is sent to; NULL: all */
     bool adjoint_normals; /* see BoundaryCrossing */
     bool lands;     /* keep landings instead of beams: light that boundaries refract, or reflect on

@@ -10,6 +10,8 @@ const uint32_t BOUNCE_STEPS[BOUNCE_STEP_COUNT] = {0, 1, 2, 3, 4, 6, 8, 12, 16};
 
 /* Few rays need wide kernels, which keep the mean; the picture of the share may be soft. */
 static const float PROBE_KERNEL_SIZE = 12.0f;
+/* Of the light in media. */
+static const double VEILED_PART = 0.25, TRAPPED_PART = 0.05;
 enum { PROBE_SAMPLES_PER_BEAM = 3, PROBE_PROBLEM_SHARE = 1000 };
 
 uint32_t bounce_step(uint32_t bounces) {
@@ -33,6 +35,14 @@ static void add_flux(const AmbScene *scene, const LightField *light, LightProbe 
             probe->flux[beam_class(beam)] += 3.0 * (double)rgb_mean(taken);
         }
     }
+}
+
+/* Flux of classes from first to last. */
+static double sum_flux(const LightProbe *probe, uint32_t first, uint32_t last) {
+    double sum = 0.0;
+    for (uint32_t c = first; c <= last; ++c)
+        sum += probe->flux[c];
+    return sum;
 }
 
 /* The field of the beams of one class. */
@@ -70,12 +80,11 @@ static AmbStatus create_field(const AmbScene *scene, const LightField *light, ui
 AmbStatus light_probe_create(const AmbScene *scene, const LightProbeParams *params, Job *job,
                              LightProbe *out_probe) {
     memset(out_probe, 0, sizeof *out_probe);
-    const LightTraceParams trace = {
-        .ray_count = params->ray_count,
-        .bounces = params->has_fields ? BOUNCE_STEPS[BOUNCE_STEP_COUNT - 1] : 0,
-        .follows_through = true,
-        .adjoint_normals = params->adjoint_normals,
-        .seed = params->seed};
+    const LightTraceParams trace = {.ray_count = params->ray_count,
+                                    .bounces = params->bounces,
+                                    .follows_through = true,
+                                    .adjoint_normals = params->adjoint_normals,
+                                    .seed = params->seed};
     LightField light;
     AMB_TRY(light_trace(scene, &trace, job, &light));
     const uint64_t limit = params->ray_count / PROBE_PROBLEM_SHARE;
@@ -83,6 +92,10 @@ AmbStatus light_probe_create(const AmbScene *scene, const LightProbeParams *para
         (MeshProblems){.is_irregular = light.leak_count + light.irregular_count > limit,
                        .is_nested = light.nested_count > limit};
     add_flux(scene, &light, out_probe);
+    const double flux = sum_flux(out_probe, 0, LIGHT_CLASS_COUNT - 1);
+    out_probe->problems.is_veiled = out_probe->flux[LIGHT_CLASS_PASSED] > VEILED_PART * flux;
+    out_probe->problems.is_trapped =
+        sum_flux(out_probe, bounce_step(3), BOUNCE_STEP_COUNT - 1) > TRAPPED_PART * flux;
     AmbStatus status = AMB_OK;
     for (uint32_t c = 0; c < LIGHT_CLASS_COUNT && params->has_fields && status == AMB_OK; ++c)
         status = create_field(scene, &light, c, params, job, &out_probe->fields[c]);

@@ -25,7 +25,8 @@ typedef struct LightProbe {
 
 typedef struct LightProbeParams {
     uint64_t ray_count;
-    bool has_fields; /* else the flux alone, without reflections */
+    uint32_t bounces;
+    bool has_fields; /* else the flux alone */
     bool adjoint_normals;
     uint32_t seed;
 } LightProbeParams;

@@ -14,6 +14,11 @@
 /* Volume samples along one light ray, on average. More of them follow a caustic more closely and
  * make tighter boxes, fewer leave more rays for the same memory. */
 static const uint64_t SAMPLES_PER_RAY = 8;
+/* Light that tubes leave to points has been spread by a few walls: its rays lie as if by chance.
+ * More of them with fewer samples each, wider kernels, and fewer where little is left serve it at a
+ * tenth of the cost (bench_orders.py full). */
+static const uint64_t LATE_SAMPLES_PER_RAY = 4, LATE_SAMPLE_PART = 4;
+static const float LATE_ROULETTE = 0.1f, LATE_KERNEL = 2.0f;
 
 /* The beams of later reflections are most of a light field and next to none of its light. A first
  * reflection, 4 % and more before extinction, keeps the evenness of the lattice where it can: at
@@ -22,7 +27,7 @@ static const float LIGHT_ROULETTE = 0.02f;
 
 /* By tests/bench/bench_scenes.py: 4 parts at 16 samples add a hundredth to the error, 8 a
  * sixteenth. */
-enum { PART_SAMPLES = 4, PARTS_MAX = CAUSTIC_PART_MAX };
+enum { PART_SAMPLES = 4, LATE_PART_SAMPLES = 2, PARTS_MAX = CAUSTIC_PART_MAX };
 
 /* Fewer than these are no picture to speak of. */
 static const uint64_t LIGHT_SAMPLES_MIN = 4096, CAUSTIC_RAYS_MIN = 1024;
@@ -319,6 +324,8 @@ static AmbStatus settle_effects(const AmbScene *scene, const AmbRenderParams *pa
             .ray_count = is_measured ? clamp_count(samples / SAMPLES_PER_LIGHT_RAY, LIGHT_RAYS_MIN,
                                                    LIGHT_RAYS_MAX)
                                      : LIGHT_RAYS_MAX,
+            .bounces = is_measured ? BOUNCE_STEPS[BOUNCE_STEP_COUNT - 1]
+                                   : plan->effects[PLAN_LIGHT_BOUNCES].count,
             .has_fields = is_measured,
             .adjoint_normals = params->adjoint_normals != 0,
             .seed = params->seed};
@@ -338,7 +345,8 @@ static AmbStatus settle_effects(const AmbScene *scene, const AmbRenderParams *pa
 }
 
 void plan_set_light_samples(Plan *plan, uint64_t samples) {
-    const uint64_t rays = samples / SAMPLES_PER_RAY;
+    const uint64_t rays =
+        samples / (plan->light.carried > 0 ? LATE_SAMPLES_PER_RAY : SAMPLES_PER_RAY);
     plan->light.ray_count = rays > 0 ? rays : 1;
     plan->field.sample_target = samples;
 }
@@ -351,25 +359,25 @@ bool plan_reduce_caustics(Plan *plan) {
 }
 
 bool plan_reduce_field(Plan *plan) {
-    if (plan->estimator == AMB_ESTIMATOR_TUBES && plan->field.tube_refinement > 0) {
+    const bool has_finer_tubes =
+        plan->estimator == AMB_ESTIMATOR_TUBES && plan->field.tube_refinement > 0;
+    const bool has_more_points =
+        plan->has_points && plan->field.sample_target >= 4 * LIGHT_SAMPLES_MIN;
+    if (has_finer_tubes)
         --plan->field.tube_refinement;
-        return true;
-    }
-    const bool is_points = plan->estimator == AMB_ESTIMATOR_POINTS_FIXED ||
-                           plan->estimator == AMB_ESTIMATOR_POINTS_COVARIANCE;
-    if (!is_points || plan->field.sample_target < 4 * LIGHT_SAMPLES_MIN)
-        return false;
-    plan_set_light_samples(plan, plan->field.sample_target / 4);
-    return true;
+    if (has_more_points)
+        plan_set_light_samples(plan, plan->field.sample_target / 4);
+    return has_finer_tubes || has_more_points;
 }
 
 /* Into how many parts the light is divided, of which a camera sample sees one: a gather of all of
  * it is far more exact than one sample of a pixel can use. A pixel sees every part PART_SAMPLES
  * times, so that the parts' differences average out and show in the error that is stated. */
 static uint32_t count_parts(const AmbRenderParams *params, const Plan *plan) {
-    if (!plan->is_automatic || params->accuracy > 0.0f)
+    const bool is_late = plan->has_points && plan->light.carried > 0;
+    if ((!plan->is_automatic && !is_late) || params->accuracy > 0.0f)
         return 1;
-    const uint32_t parts = params->samples / PART_SAMPLES;
+    const uint32_t parts = params->samples / (is_late ? LATE_PART_SAMPLES : PART_SAMPLES);
     return parts < 1 ? 1 : parts < PARTS_MAX ? parts : PARTS_MAX;
 }
 
@@ -377,21 +385,31 @@ static uint32_t count_parts(const AmbRenderParams *params, const Plan *plan) {
 static void set_parameters(const AmbScene *scene, const AmbRenderParams *params, Plan *plan) {
     const PlanEffect *effects = plan->effects;
     const bool follows_through = effects[PLAN_TRANSMITTED_LIGHT].is_simulated;
+    const bool has_tubes = plan->estimator == AMB_ESTIMATOR_TUBES;
+    const uint32_t bounces = effects[PLAN_LIGHT_BOUNCES].count;
+    const uint32_t tube_bounces = has_tubes ? plan->tube_bounces : 0;
+    plan->has_points = plan->has_field && plan->estimator != AMB_ESTIMATOR_SPECULAR &&
+                       (!has_tubes || bounces > tube_bounces || follows_through);
+    const bool is_late = has_tubes && plan->has_points;
     plan->light =
-        (LightTraceParams){.bounces = effects[PLAN_LIGHT_BOUNCES].count,
+        (LightTraceParams){.bounces = bounces,
+                           .carried = is_late ? tube_bounces + 1 : 0,
                            .follows_through = follows_through,
                            /* Light through an object that is dark itself may matter in the next. */
                            .targets = follows_through ? NULL : plan->targets,
                            .adjoint_normals = params->adjoint_normals != 0,
-                           .roulette = LIGHT_ROULETTE,
+                           .roulette = is_late ? LATE_ROULETTE : LIGHT_ROULETTE,
                            .seed = params->seed};
     plan->field = (FieldParams){.estimator = plan->estimator,
-                                .kernel_size = params->kernel_size,
+                                .kernel_size = (is_late ? LATE_KERNEL : 1.0f) * params->kernel_size,
                                 .tube_refinement = params->tube_refinement,
-                                .light_bounces = plan->light.bounces,
+                                .light_bounces = tube_bounces,
                                 .targets = plan->targets,
                                 .adjoint_normals = params->adjoint_normals != 0};
-    plan_set_light_samples(plan, params->light_samples);
+    plan->light_samples = params->light_samples;
+    if (is_late && plan->light_samples > LATE_SAMPLE_PART)
+        plan->light_samples /= LATE_SAMPLE_PART;
+    plan_set_light_samples(plan, plan->light_samples);
     const uint32_t parts = count_parts(params, plan);
     plan->field.part_count = plan->caustics.part_count = parts;
 
@@ -403,6 +421,7 @@ static void set_parameters(const AmbScene *scene, const AmbRenderParams *params,
                                   .shines_through = effects[PLAN_LIGHT_ON_SURFACES].is_simulated,
                                   .seed = params->seed,
                                   .part_count = parts,
+                                  .gathers_by_chance = plan->is_automatic && parts > 1,
                                   .film_transparent = params->film_transparent != 0,
                                   .may_start_inside = scene_may_start_inside(scene),
                                   .replicas = params->accuracy > 0.0f ? 2 : 1};

@@ -56,9 +56,13 @@ typedef struct Plan {
     double cpu;                   /* seconds that planning took */
     double omitted;               /* shares of all that was left out for being less, together */
     uint32_t estimator;           /* resolved, not AUTO */
+    uint32_t tube_bounces;        /* of the light's reflections, those that tubes would follow */
     const char *estimator_reason; /* one phrase, static storage */
     uint32_t scatter_estimator;   /* resolved, not AUTO; of no effect without later orders */
     const char *scatter_estimator_reason; /* one phrase, static storage */
+    bool has_points; /* the light pass is run: for volume samples, of all light or of what tubes
+                      * do not carry */
+    uint64_t light_samples; /* volume samples without a target or a limit that say otherwise */
     LightTraceParams light;
     FieldParams field;
     CausticParams caustics; /* light.ray_count 0: none */
@@ -66,10 +70,13 @@ typedef struct Plan {
     CameraParams camera;
 } Plan;
 
-/* What probe rays of the light say of the meshes, each of one ray in a thousand or more. */
+/* What probe rays of the light say of the meshes, the first two of one ray in a thousand or more.
+ */
 typedef struct MeshProblems {
     bool is_irregular; /* a mesh is open or crosses itself */
     bool is_nested;    /* an object is inside of another, or touches it */
+    bool is_veiled;    /* much of the light in media has come through other objects */
+    bool is_trapped;   /* much of it has been reflected inside three times or more */
 } MeshProblems;
 
 /* The part of the picture that is rendered, of params->width x height. */

@@ -13,12 +13,21 @@ typedef struct Obstacle {
 
 enum {
     NESTING_PROBES = 64,
-    TUBE_BOUNCES_AUTO = 2 /* most internal reflections of the light for which AUTO takes tubes */
+    TUBE_BOUNCES_MAX = 2 /* more internal reflections of the light are not left to tubes alone */
 };
 
 /* Every cell of a lamp is gathered by itself, and reflects by itself: AUTO leaves lamps to points
- * that come to more cells than this together, 0 .. TUBE_BOUNCES_AUTO reflections. */
-static const uint32_t AUTO_CELLS_MAX[TUBE_BOUNCES_AUTO + 1] = {16, 4, 1};
+ * that come to more cells than this together, 0 .. TUBE_BOUNCES_MAX reflections by tubes. */
+static const uint32_t AUTO_CELLS_MAX[TUBE_BOUNCES_MAX + 1] = {16, 4, 1};
+
+/* Of so many internal reflections of the light, those that tubes follow; points carry the rest.
+ * Each reflection at a bumpy wall multiplies tubes and widens them: where walls trap the light,
+ * points are the cheaper ones from the first on. */
+static uint32_t tube_bounces(uint32_t bounces, const MeshProblems *problems) {
+    if (bounces <= TUBE_BOUNCES_MAX)
+        return bounces;
+    return problems->is_trapped ? 0 : TUBE_BOUNCES_MAX;
+}
 
 /* Cells of a lamp with an extent, for the object that sees it largest; 0 for a point. */
 static uint32_t count_cells(const AmbScene *scene, const SceneLight *light) {
@@ -41,7 +50,7 @@ static Obstacle light_obstacle(const AmbScene *scene, uint32_t estimator, uint32
             light->kind == AMB_LIGHT_AREA || light->radius > 0.0f || light->angle > 0.0f;
         if (estimator == AMB_ESTIMATOR_SPECULAR && has_extent)
             return (Obstacle){"a lamp has an extent", light->name};
-        if (estimator == AMB_ESTIMATOR_AUTO && has_extent && bounces <= TUBE_BOUNCES_AUTO) {
+        if (estimator == AMB_ESTIMATOR_AUTO && has_extent) {
             cells += count_cells(scene, light);
             if (cells > AUTO_CELLS_MAX[bounces])
                 return (Obstacle){"a lamp is large, seen from an object", light->name};
@@ -116,10 +125,13 @@ AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *params,
         plan->estimator == AMB_ESTIMATOR_POINTS_COVARIANCE)
         return AMB_OK;
     const uint32_t bounces = plan->effects[PLAN_LIGHT_BOUNCES].count;
-    const Obstacle obstacle = triangles_obstacle(scene, plan->estimator, bounces);
+    plan->tube_bounces = tube_bounces(bounces, problems);
+    const Obstacle obstacle = triangles_obstacle(
+        scene, plan->estimator,
+        plan->estimator == AMB_ESTIMATOR_SPECULAR ? bounces : plan->tube_bounces);
     if (plan->estimator != AMB_ESTIMATOR_AUTO) {
         PlanEffect *transmitted = &plan->effects[PLAN_TRANSMITTED_LIGHT];
-        if (transmitted->is_simulated) {
+        if (transmitted->is_simulated && plan->estimator == AMB_ESTIMATOR_SPECULAR) {
             transmitted->is_simulated = false;
             transmitted->reason = "with this estimator light ends where it leaves its object";
         }
@@ -145,12 +157,9 @@ AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *params,
     } else if (has_low_index(scene)) {
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
         plan->estimator_reason = "an index is below 1: tubes are cut finely at the critical angle";
-    } else if (bounces > TUBE_BOUNCES_AUTO) {
+    } else if (plan->effects[PLAN_TRANSMITTED_LIGHT].is_simulated && problems->is_veiled) {
         plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
-        plan->estimator_reason = "light_bounces is more than 2: tubes would spread over everything";
-    } else if (plan->effects[PLAN_TRANSMITTED_LIGHT].is_simulated) {
-        plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
-        plan->estimator_reason = "light through other objects is simulated";
+        plan->estimator_reason = "much of the light comes through other objects";
     }
     return AMB_OK;
 }

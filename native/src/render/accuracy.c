@@ -40,16 +40,26 @@ double accuracy_stated(const Accuracy *accuracy) {
 
 /* ---- Field ----------------------------------------------------------------------------------- */
 
-static bool is_tubes(const AmbRender *render) {
+/* What has to be known of a part of the field to choose its level. */
+typedef struct Climb {
+    AmbRender *render;
+    uint32_t part; /* FIELD_PART_* */
+    uint32_t levels_min;
+    const FieldPrior *prior;
+    double limit; /* of its error */
+} Climb;
+
+static bool has_tubes(const AmbRender *render) {
     return render->plan.estimator == AMB_ESTIMATOR_TUBES;
 }
 
 /* Makes the plan that of a level; false if there is none so fine. */
-static bool set_level(AmbRender *render, uint32_t level, uint64_t bytes_before) {
+static bool set_level(const Climb *climb, uint32_t level, uint64_t bytes_before) {
+    AmbRender *render = climb->render;
     const bool is_too_large = level > 0 && 4 * bytes_before > FIELD_BYTES_MAX;
     if (is_too_large || level >= FIELD_LEVEL_MAX)
         return false;
-    if (is_tubes(render)) {
+    if (climb->part == FIELD_PART_TUBES) {
         /* So that there is one finer. */
         const uint32_t first = render->params.tube_refinement < TUBE_REFINEMENT_MAX
                                    ? render->params.tube_refinement
@@ -60,7 +70,7 @@ static bool set_level(AmbRender *render, uint32_t level, uint64_t bytes_before) 
         render->plan.field.tube_refinement = refinement;
         return true;
     }
-    const uint64_t set = render->params.light_samples;
+    const uint64_t set = render->plan.light_samples;
     const uint64_t shifted = set >> POINTS_FIRST_SHIFT;
     const uint64_t first = shifted > POINTS_FIRST_MIN ? shifted : POINTS_FIRST_MIN;
     const uint64_t samples = first << (2 * level);
@@ -78,7 +88,8 @@ typedef struct Ladder {
 
 /* The first level may come out coarser than wanted; the others are refinements of it, or are left
  * out where they go beyond the limit of memory. */
-static AmbStatus climb(AmbRender *render, Ladder *ladder, bool *out_is_left_out) {
+static AmbStatus add_level(const Climb *climb, Ladder *ladder, bool *out_is_left_out) {
+    AmbRender *render = climb->render;
     Field *field = NULL;
     if (ladder->fields[1] == NULL) {
         AMB_TRY(render_build_fitting_field(render, &field));
@@ -96,55 +107,76 @@ static AmbStatus climb(AmbRender *render, Ladder *ladder, bool *out_is_left_out)
     ladder->accounts[1] = render->account;
     const Field *const fields[2] = {ladder->fields[0], field};
     const Scatter *scatter = render->plan.camera.scatter;
-    return render_probe(render, &render->accuracy.probe, fields,
+    return render_probe(render, &render->accuracy.parts[climb->part].probe, fields,
                         (const Scatter *const[2]){scatter, scatter}, true);
 }
 
-static double level_error(const Accuracy *accuracy, uint32_t level, const FieldPrior *prior) {
-    const double square = field_error_square(&accuracy->probe.differences, level, prior);
-    return accuracy->probe.radiance > 0.0 ? sqrt(square) / accuracy->probe.radiance : 0.0;
+static double level_error(const Probe *probe, uint32_t level, const FieldPrior *prior) {
+    const double square = field_error_square(&probe->differences, level, prior);
+    return probe->radiance > 0.0 ? sqrt(square) / probe->radiance : 0.0;
 }
 
-static double field_limit(const Accuracy *accuracy) {
-    const double aim = accuracy_aim(accuracy);
-    return FIELD_SHARE * sqrt(aim * aim - accuracy->omitted * accuracy->omitted);
-}
-
-static AmbStatus climb_until_fine(AmbRender *render, Ladder *ladder) {
+static AmbStatus climb_until_fine(const Climb *climb, Ladder *ladder) {
+    AmbRender *render = climb->render;
     Accuracy *accuracy = &render->accuracy;
-    const FieldPrior *prior = is_tubes(render) ? &TUBES_PRIOR : &POINTS_PRIOR;
-    const uint32_t levels_min = is_tubes(render) ? TUBES_LEVELS_MIN : POINTS_LEVELS_MIN;
-    const double limit = field_limit(accuracy);
-    const FieldDifferences *differences = &accuracy->probe.differences;
+    FieldMeasure *part = &accuracy->parts[climb->part];
     for (uint32_t top = 0;; ++top) {
         /* The first is built, as coarse as it must be, even if caustics or photons gave way. */
         bool is_left_out = top > 0 && render->is_reduced;
-        if (!is_left_out && !set_level(render, top, ladder->accounts[1].field_bytes))
+        if (!is_left_out && !set_level(climb, top, ladder->accounts[1].size.bytes))
             break;
         if (!is_left_out)
-            AMB_TRY(climb(render, ladder, &is_left_out));
+            AMB_TRY(add_level(climb, ladder, &is_left_out));
         if (is_left_out) {
             accuracy->limit = "light field: a finer one goes beyond memory_limit";
             break;
         }
-        accuracy->level = top;
+        part->level = top;
         if (top > 0) {
             accuracy->has_field = true;
-            accuracy->companion = top - 1;
-            accuracy->field = level_error(accuracy, top, prior);
-            const double coarser = level_error(accuracy, top - 1, prior);
-            const bool is_enough = top + 1 >= levels_min;
-            if (is_enough && coarser <= limit) {
-                accuracy->level = top - 1;
-                accuracy->companion = top;
-                accuracy->field = coarser;
+            part->companion = top - 1;
+            part->error = level_error(&part->probe, top, climb->prior);
+            const double coarser = level_error(&part->probe, top - 1, climb->prior);
+            const bool is_enough = top + 1 >= climb->levels_min;
+            if (is_enough && coarser <= climb->limit) {
+                part->level = top - 1;
+                part->companion = top;
+                part->error = coarser;
             }
-            accuracy->convergence = field_convergence(differences, top, prior).ratio;
+            accuracy->convergence =
+                field_convergence(&part->probe.differences, top, climb->prior).ratio;
             /* A coarser level of tubes tells too little of the finest one's error. */
-            if (is_enough && (coarser <= limit || (!is_tubes(render) && accuracy->field <= limit)))
+            const bool is_points = climb->part == FIELD_PART_POINTS;
+            if (is_enough &&
+                (coarser <= climb->limit || (is_points && part->error <= climb->limit)))
                 break;
         }
     }
+    return AMB_OK;
+}
+
+/* Replaces *field, if there is one, by one in which a part is fine enough. */
+static AmbStatus choose_part(const Climb *climb, Field **field) {
+    AmbRender *render = climb->render;
+    FieldMeasure *part = &render->accuracy.parts[climb->part];
+    field_destroy(*field);
+    *field = NULL;
+    AMB_TRY(probe_create(render->film.width, render->film.height, ACCURACY_SMALL * climb->limit,
+                         &part->probe));
+    Ladder ladder = {.fields = {NULL, NULL}};
+    const AmbStatus status = climb_until_fine(climb, &ladder);
+    if (status != AMB_OK) {
+        field_destroy(ladder.fields[0]);
+        field_destroy(ladder.fields[1]);
+        return status;
+    }
+    const bool is_older = part->level + 1 < part->probe.level_count;
+    *field = ladder.fields[is_older ? 0 : 1];
+    render->account = ladder.accounts[is_older ? 0 : 1];
+    field_destroy(ladder.fields[is_older ? 1 : 0]);
+    /* The plan, and the report with it, again as the chosen level has it. */
+    if (!render->is_reduced)
+        set_level(climb, part->level, 0);
     return AMB_OK;
 }
 
@@ -155,23 +187,29 @@ AmbStatus accuracy_choose_field(AmbRender *render, Field **out_field) {
         accuracy->has_field = true;
         return render_build_field(render, out_field);
     }
-    AMB_TRY(probe_create(render->film.width, render->film.height,
-                         ACCURACY_SMALL * field_limit(accuracy), &accuracy->probe));
-    Ladder ladder = {.fields = {NULL, NULL}};
-    const AmbStatus status = climb_until_fine(render, &ladder);
-    if (status != AMB_OK) {
-        field_destroy(ladder.fields[0]);
-        field_destroy(ladder.fields[1]);
-        return status;
+    const bool has_both = has_tubes(render) && render->plan.has_points;
+    const double aim = accuracy_aim(accuracy);
+    const double limit = FIELD_SHARE * sqrt(aim * aim - accuracy->omitted * accuracy->omitted) /
+                         (has_both ? sqrt(2.0) : 1.0);
+    const Climb tubes = {render, FIELD_PART_TUBES, TUBES_LEVELS_MIN, &TUBES_PRIOR, limit};
+    const Climb points = {render, FIELD_PART_POINTS, POINTS_LEVELS_MIN, &POINTS_PRIOR, limit};
+    Field *field = NULL;
+    if (has_both)
+        set_level(&points, 0, 0);
+    AmbStatus status = has_tubes(render) ? choose_part(&tubes, &field) : AMB_OK;
+    const bool has_tube_error = accuracy->has_field;
+    if (status == AMB_OK && render->plan.has_points) {
+        accuracy->has_field = false;
+        status = choose_part(&points, &field);
+        accuracy->has_field = accuracy->has_field && (has_tube_error || !has_both);
     }
-    const bool is_older = accuracy->level + 1 < accuracy->probe.level_count;
-    *out_field = ladder.fields[is_older ? 0 : 1];
-    render->account = ladder.accounts[is_older ? 0 : 1];
-    field_destroy(ladder.fields[is_older ? 1 : 0]);
-    /* The plan, and the report with it, again as the chosen level has it. */
-    if (!render->is_reduced)
-        set_level(render, accuracy->level, 0);
-    return AMB_OK;
+    if (status != AMB_OK)
+        field_destroy(field);
+    else
+        *out_field = field;
+    accuracy->field =
+        hypot(accuracy->parts[FIELD_PART_TUBES].error, accuracy->parts[FIELD_PART_POINTS].error);
+    return status;
 }
 
 /* ---- Noise ----------------------------------------------------------------------------------- */
@@ -186,17 +224,17 @@ typedef struct BlockErrors {
 /* Numbers of each pixel and each row between two rounds. */
 typedef struct Survey {
     AmbRender *render;
-    bool has_objects;      /* pixels that count are those with objects */
-    float *costs;          /* by pixel: c of c n^-3/2 */
-    uint32_t *quotas;      /* by pixel: samples of the next round */
-    FilmSum *rows;         /* what counts, by row */
-    double *sums;          /* by row */
-    uint64_t *counts;      /* by row */
-    double scale;          /* samples wanted of a pixel = scale * (smoothed c)^(1 / (1 + 3/2)) */
-    float *weights;        /* by pixel: (smoothed c)^(1 / (1 + 3/2)) */
-    float *shares;         /* by pixel: variance handed to each of the neighbours */
-    BlockErrors blocks[2]; /* of the field and of photons */
-    const BlockErrors *measured; /* of sum_blocks */
+    bool has_objects; /* pixels that count are those with objects */
+    float *costs;     /* by pixel: c of c n^-3/2 */
+    uint32_t *quotas; /* by pixel: samples of the next round */
+    FilmSum *rows;    /* what counts, by row */
+    double *sums;     /* by row */
+    uint64_t *counts; /* by row */
+    double scale;     /* samples wanted of a pixel = scale * (smoothed c)^(1 / (1 + 3/2)) */
+    float *weights;   /* by pixel: (smoothed c)^(1 / (1 + 3/2)) */
+    float *shares;    /* by pixel: variance handed to each of the neighbours */
+    BlockErrors blocks[FIELD_PART_COUNT + 1]; /* of the field's parts and of photons */
+    const BlockErrors *measured;              /* of sum_blocks */
 } Survey;
 
 static void survey_clear(Survey *survey) {
@@ -207,7 +245,7 @@ static void survey_clear(Survey *survey) {
     memory_free(survey->counts);
     memory_free(survey->weights);
     memory_free(survey->shares);
-    for (int i = 0; i < 2; ++i)
+    for (int i = 0; i <= FIELD_PART_COUNT; ++i)
         memory_free(survey->blocks[i].squares);
 }
 
@@ -439,7 +477,7 @@ static AmbStatus write_errors(void *user, uint64_t begin, uint64_t end, uint32_t
             uint32_t range[4];
             neighbourhood(film, x, (uint32_t)y, 1, range);
             double square = 0.0;
-            for (int i = 0; i < 2 && is_counted; ++i)
+            for (int i = 0; i <= FIELD_PART_COUNT && is_counted; ++i)
                 square += block_square(&survey->blocks[i], x, (uint32_t)y);
             for (uint64_t v = range[2]; v <= range[3]; ++v)
                 for (uint32_t u = range[0]; u <= range[1]; ++u)
@@ -497,12 +535,16 @@ static AmbStatus write_error_pass(Survey *survey, double noise_factor) {
     if (noise_factor != 1.0)
         for (uint64_t i = 0; i < (uint64_t)rows * render->film.width; ++i)
             survey->shares[i] *= (float)(noise_factor * noise_factor);
-    BlockErrors *field = &survey->blocks[0], *scatter = &survey->blocks[1];
-    if (accuracy->has_field && accuracy->field > 0.0) {
-        field->probe = &accuracy->probe;
+    BlockErrors *scatter = &survey->blocks[FIELD_PART_COUNT];
+    for (int i = 0; i < FIELD_PART_COUNT; ++i) {
+        const FieldMeasure *part = &accuracy->parts[i];
+        BlockErrors *field = &survey->blocks[i];
+        if (!accuracy->has_field || !(part->error > 0.0))
+            continue;
+        field->probe = &part->probe;
         if (field->squares == NULL)
-            AMB_TRY(find_blocks(field, accuracy->level, accuracy->companion));
-        AMB_TRY(scale_blocks(survey, field, accuracy->field));
+            AMB_TRY(find_blocks(field, part->level, part->companion));
+        AMB_TRY(scale_blocks(survey, field, part->error));
     }
     if (accuracy->has_scatter && accuracy->scatter > 0.0) {
         scatter->probe = &accuracy->scatter_probe;
@@ -589,8 +631,10 @@ AmbStatus accuracy_run_camera(AmbRender *render, const Field *field) {
     else if (!accuracy->has_scatter && accuracy->limit[0] == '\0')
         accuracy->limit = "later orders: the error of a tree cut is unknown";
     else if (accuracy->limit[0] == '\0' && !accuracy->is_reached)
-        accuracy->limit = is_tubes(render) ? "light field: tubes are refined no further"
-                                           : "light field: 16 times light_samples are the most";
+        accuracy->limit = has_tubes(render) && accuracy->parts[FIELD_PART_TUBES].error >=
+                                                   accuracy->parts[FIELD_PART_POINTS].error
+                              ? "light field: tubes are refined no further"
+                              : "light field: 16 times light_samples are the most";
     return status;
 }
 

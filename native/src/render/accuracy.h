@@ -18,6 +18,17 @@
 
 struct AmbRender;
 
+/* What levels of a part of the field told of its error. */
+typedef struct FieldMeasure {
+    Probe probe; /* empty unless fields were compared */
+    uint32_t level, companion;
+    double error; /* relative to the mean radiance */
+} FieldMeasure;
+
+/* Parts of the field whose levels are chosen one after the other: their errors are those of
+ * different light. */
+enum { FIELD_PART_TUBES, FIELD_PART_POINTS, FIELD_PART_COUNT };
+
 typedef struct Accuracy {
     float target; /* 0: fixed budgets */
     bool has_noise, has_field, has_scatter;
@@ -30,8 +41,7 @@ typedef struct Accuracy {
     uint32_t samples_min, samples_max; /* of a pixel */
     double convergence;                /* factor between the errors of two levels; 0: unknown */
 
-    Probe probe; /* empty unless fields were compared */
-    uint32_t level, companion;
+    FieldMeasure parts[FIELD_PART_COUNT];
     Probe scatter_probe; /* empty unless photons were; its last two levels count */
 } Accuracy;
 

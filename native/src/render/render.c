@@ -258,9 +258,8 @@ static AmbStatus run_field(AmbRender *render, const LightField *light, Field **o
     charge_stage(render, STAGE_FIELD, begin);
     if (status == AMB_OK) {
         FieldAccount *account = &render->account;
-        account->light_sample_count = field_sample_count(*out_field);
+        account->size = field_size(*out_field);
         field_tally(*out_field, &account->tally, &account->light_leak_count);
-        account->field_bytes = field_bytes(*out_field);
     }
     return status;
 }
@@ -286,9 +285,8 @@ bool render_forgive_memory(AmbRender *render, AmbStatus status) {
 
 AmbStatus render_build_field(AmbRender *render, Field **out_field) {
     LightField light = {.object_count = 0};
-    /* The others refract at the mesh's own triangles: no light ray is traced for them. */
-    if (render->plan.estimator == AMB_ESTIMATOR_POINTS_FIXED ||
-        render->plan.estimator == AMB_ESTIMATOR_POINTS_COVARIANCE)
+    render->account = (FieldAccount){.ray_count = 0};
+    if (render->plan.has_points)
         AMB_TRY(run_light(render, &light));
     const AmbStatus status = run_field(render, &light, out_field);
     light_field_clear(&light);
@@ -458,7 +456,8 @@ static void init_lock(AmbRender *render) {
 
 static void release(AmbRender *render) {
     atomic_fetch_sub(&render->scene->render_count, 1);
-    probe_clear(&render->accuracy.probe);
+    for (int i = 0; i < FIELD_PART_COUNT; ++i)
+        probe_clear(&render->accuracy.parts[i].probe);
     probe_clear(&render->accuracy.scatter_probe);
     plan_clear(&render->plan);
     film_clear(&render->film);

@@ -19,8 +19,9 @@ typedef struct StageCost {
 
 /* What the newest light field is made of. */
 typedef struct FieldAccount {
-    uint64_t ray_count, light_sample_count, light_leak_count;
-    uint64_t light_bytes, field_bytes;
+    uint64_t ray_count, light_leak_count;
+    uint64_t light_bytes;
+    FieldSize size;
     LightTally tally;
 } FieldAccount;
 

@@ -135,20 +135,20 @@ static void add_memory(Text *text, const AmbRender *render) {
         "  \"memory\": {\"scene_bytes\": %llu, \"light_bytes\": %llu, \"field_bytes\": %llu, "
         "\"film_bytes\": %llu, \"peak_rss_bytes\": %llu, \"limit_bytes\": %llu},\n",
         (unsigned long long)render->scene_bytes, (unsigned long long)render->account.light_bytes,
-        (unsigned long long)render->account.field_bytes,
+        (unsigned long long)render->account.size.bytes,
         (unsigned long long)film_bytes(&render->film), (unsigned long long)render->peak_rss_bytes,
         (unsigned long long)render->memory.bytes);
 }
 
 static void add_light(Text *text, const AmbRender *render) {
-    const bool is_tubes = render->plan.estimator == AMB_ESTIMATOR_TUBES;
-    const bool is_specular = render->plan.estimator == AMB_ESTIMATOR_SPECULAR;
-    const unsigned long long elements = render->account.light_sample_count;
+    const FieldSize *size = &render->account.size;
     add(text,
-        "  \"light\": {\"rays\": %llu, \"volume_samples\": %llu, \"tubes\": %llu, "
-        "\"lit_triangles\": %llu, \"world_suns\": %u, ",
-        (unsigned long long)render->account.ray_count, is_tubes || is_specular ? 0 : elements,
-        is_tubes ? elements : 0, is_specular ? elements : 0, render->scene->world_lamp_count);
+        "  \"light\": {\"rays\": %llu, \"volume_samples\": %llu, \"volume_sample_bytes\": %llu, "
+        "\"tubes\": %llu, \"tube_bounces\": %u, \"lit_triangles\": %llu, \"world_suns\": %u, ",
+        (unsigned long long)render->account.ray_count, (unsigned long long)size->volume_samples,
+        (unsigned long long)size->point_bytes, (unsigned long long)size->tubes,
+        size->tubes > 0 ? render->plan.tube_bounces : 0, (unsigned long long)size->lit_triangles,
+        render->scene->world_lamp_count);
     add_rgb(text, "flux_incident", render->account.tally.incident, ", ");
     add_rgb(text, "flux_entered", render->account.tally.entered, ", ");
     add_rgb(text, "flux_interacting", render->account.tally.interacting, "},\n");

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tubes carry the first stretches of the light, points what is reflected more often and what has
+passed another object: together they are what points alone are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import metrics
+import numpy as np
+import pytest
+from api import (
+    POINTS_COVARIANCE,
+    SINGLE,
+    TUBES,
+    BuildScene,
+    Image,
+    Medium,
+    _ffi,
+    add_body,
+    add_point,
+    handles,
+    render,
+    set_perspective,
+)
+from meshes import Mesh, box, bumpy_sphere, icosphere
+
+RESIN = Medium(1.5, 0.21, (0.01, 0.1, 0.25), 0.5)
+LAMP = (-4.5, 1.5, -1.6)
+
+
+def scene_of(mesh: Mesh, *others: tuple[Mesh, Medium]) -> BuildScene:
+    def build(scene: handles.Scene) -> None:
+        add_body(scene, mesh, RESIN)
+        for other, medium in others:
+            add_body(scene, other, medium)
+        add_point(scene, LAMP, 100.0)
+        set_perspective(scene, (1, 2, 5), (-0.2, -0.4, -1), (0, 1, 0), np.radians(40))
+
+    return build
+
+
+def shots(build: BuildScene, **settings: Any) -> tuple[Image, Image]:
+    """By tubes and points together, and by points alone."""
+    params = {"light_samples": 2**19, "samples": 4} | settings
+    both, points = (
+        render(build, 24, estimator=estimator, **params) for estimator in (TUBES, POINTS_COVARIANCE)
+    )
+    assert both.report["light"]["tubes"] > 0
+    assert both.report["light"]["volume_samples"] > 0
+    assert points.report["light"]["tubes"] == 0
+    return both, points
+
+
+def flux(image: Image) -> np.ndarray:
+    return np.array(image.report["light"]["flux_interacting"])
+
+
+@pytest.mark.parametrize("samples", [1, 8], ids=["whole", "in parts"])
+@pytest.mark.parametrize(
+    ("mesh", "refinement"),
+    [(icosphere(5), 0), (box((-1, -0.8, -0.9), (1, 1.1, 1)), 2), (bumpy_sphere(4), 0)],
+    ids=["ball", "box", "bumpy"],
+)
+def test_every_reflection_counts_once(mesh: Mesh, refinement: int, samples: int) -> None:
+    build = scene_of(mesh)
+    both, points = shots(build, light_bounces=8, tube_refinement=refinement, samples=samples)
+    assert metrics.mean_ratio(both.pixels, points.pixels) == pytest.approx(np.ones(3), abs=4e-3)
+    assert flux(both) == pytest.approx(flux(points), rel=2e-3)
+    # Whether walls trap the light decides where points take over.
+    first = render(build, 24, estimator=TUBES, light_bounces=0, tube_refinement=refinement)
+    is_bumpy = len(mesh.triangles) == 5120
+    assert (both.report["light"]["tubes"] == first.report["light"]["tubes"]) == is_bumpy
+
+
+def test_light_through_another_object_counts_once() -> None:
+    """A ball of glass throws a caustic into a part of the resin, and shades it from tubes."""
+    ball = icosphere(4)
+    glass = Mesh(ball.positions * 0.5 + np.array([-2.2, 0.9, -0.3]), ball.triangles, ball.normals)
+    build = scene_of(icosphere(5), (glass, Medium(1.5, 0, 0)))
+    settings = {
+        "effects": SINGLE | _ffi.AMB_EFFECT_TRANSMITTED_LIGHT,
+        "light_samples": 2**20,
+        "light_bounces": 3,
+    }
+    both, points = shots(build, **settings)
+    assert metrics.mean_ratio(both.pixels, points.pixels) == pytest.approx(np.ones(3), abs=4e-3)
+    assert flux(both) == pytest.approx(flux(points), rel=2e-3)
+    straight = render(build, 24, estimator=TUBES, light_bounces=3, light_samples=2**20)
+    assert flux(straight)[1] < 0.95 * flux(both)[1]
+
+
+def test_the_target_is_kept_by_both() -> None:
+    """The stated error has the levels of tubes and those of points in it."""
+    build = scene_of(bumpy_sphere(4))
+    settings = {"light_bounces": 8, "light_samples": 2**18}
+    found = render(build, 24, estimator=TUBES, accuracy=0.08, seed=3, **settings)
+    budget = settings | {"light_samples": 2**21, "tube_refinement": 1}
+    truth = render(build, 24, estimator=TUBES, samples=128, seed=4, **budget)
+    stated = found.report["accuracy"]
+    assert stated["reached"] and found.report["light"]["volume_samples"] > 0
+    mask = truth.cover > 0
+    true = metrics.rel_rmse(found.pixels, truth.pixels, mask)
+    assert 0.4 * stated["stated"] < true < 1.5 * stated["stated"]
