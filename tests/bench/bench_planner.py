@@ -4,6 +4,7 @@
 
     python3 tests/bench/bench_planner.py [--accuracy 0.05 | --samples 16] [--size 64] [SCENE ...]
     python3 tests/bench/bench_planner.py --finished [--accuracy 0.05] [--size 64] [SCENE ...]
+    python3 tests/bench/bench_planner.py --bounds [--seeds 8] [SCENE ...]
 
 Everything on: all effects and eight internal reflections on either side, estimators AUTO. At the
 same target accuracy both renders state their error, with what was left out in it; at the same
@@ -11,12 +12,24 @@ number of samples both have the noise of the same paths, and what is left out is
 1 %. The ratio is of their CPU seconds, all stages, planning included, the least of --repeat runs.
 
 --finished: the error of AUTO's finished pictures against everything on, with sixteen reflections.
+
+--bounds: how often the predicted shares' bounds hold the shares by brute force
+(references/planner_shares.json), over seeds.
+
+With --keep FOLDER what a run has measured, and the pictures of truth, stay there: a run that was
+stopped goes on, a second one prints what is there. What AUTO cost belongs to one library, by its
+bytes; pictures of truth do not.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
 import sys
+from collections import defaultdict
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +37,52 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "images"))
 
+from api import LIBRARY, handles, library  # noqa: E402
 from planner_scenes import SCENES, PlannerScene  # noqa: E402
-from planner_shares import EVERYTHING, render_passes, truth  # noqa: E402
+from planner_shares import COUNTS, EVERYTHING, Truth, render_passes, truth  # noqa: E402
 
 BOUNCES = 8
 
 
 # Of the pictures with everything on; estimators AUTO.
 TRUTH: dict[str, Any] = {"samples": 16, "light_samples": 2**18, "kernel_size": 2.0}
+
+
+Row = dict[str, Any]
+
+
+class Keep:
+    """What is known already, in a folder; None: nothing is kept."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+
+    def _file(self, what: Any, ending: str) -> Path:
+        assert self.folder is not None
+        key = hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:16]
+        return self.folder / f"{key}{ending}"
+
+    def row(self, what: Any, make: Callable[[], Row]) -> Row:
+        """Of this library: rows are measured anew by another one."""
+        if self.folder is None:
+            return make()
+        file = self._file([what, hashlib.sha256(LIBRARY.read_bytes()).hexdigest()], ".json")
+        if not file.exists():
+            file.write_text(json.dumps(make()))
+        row: Row = json.loads(file.read_text())
+        return row
+
+    def truth(self, scene: PlannerScene, size: int, **params: Any) -> Truth:
+        if self.folder is None:
+            return truth(scene, size, **params)
+        file = self._file([scene.name, size, params], ".npz")
+        if not file.exists():
+            known = truth(scene, size, **params)
+            np.savez(file, mask=known.mask, first=known.halves[0], second=known.halves[1])
+        with np.load(file) as data:
+            return Truth(data["mask"], (data["first"], data["second"]))
 
 
 def measure(
@@ -42,23 +93,42 @@ def measure(
     return min(costs), reports[-1]
 
 
-def compare(scenes: list[PlannerScene], size: int, repeat: int, **common: Any) -> None:
+def compare_one(scene: PlannerScene, size: int, repeat: int, common: dict[str, Any]) -> Row:
+    every, full = measure(
+        scene, size, repeat, **common, light_bounces=BOUNCES, camera_bounces=BOUNCES
+    )
+    auto, chosen = measure(scene, size, repeat, **common, effects_are_auto=1)
+    return {
+        "every": every,
+        "auto": auto,
+        "planning": chosen["plan"]["cpu_s"] / auto,
+        "stated": [report["accuracy"]["stated"] for report in (full, chosen)],
+        "samples": [report["accuracy"]["samples_mean"] for report in (full, chosen)],
+        "estimators": f"{chosen['estimator']} {chosen['scatter']['estimator']}",
+        "omitted": chosen["plan"]["omitted"],
+        "skipped": sum(not effect["simulated"] for effect in chosen["effects"]),
+    }
+
+
+def compare(scenes: list[PlannerScene], size: int, repeat: int, keep: Keep, **common: Any) -> None:
     ratios = []
-    print("| scene | everything, CPU s | AUTO, CPU s | ratio | planning | stated | left out |")
-    print("|---|---|---|---|---|---|---|")
+    print(
+        "| scene | everything, CPU s | AUTO, CPU s | ratio | planning | stated | samples "
+        "| left out |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     for scene in scenes:
-        every, full = measure(
-            scene, size, repeat, **common, light_bounces=BOUNCES, camera_bounces=BOUNCES
+        row = keep.row(
+            ["compare", scene.name, size, repeat, common],
+            partial(compare_one, scene, size, repeat, common),
         )
-        auto, chosen = measure(scene, size, repeat, **common, effects_are_auto=1)
-        ratios.append(every / auto)
-        stated = [report["accuracy"]["stated"] for report in (full, chosen)]
-        text = " ".join("-" if value is None else f"{value:.1%}" for value in stated)
-        skipped = sum(not effect["simulated"] for effect in chosen["effects"])
-        planning = chosen["plan"]["cpu_s"] / auto
+        ratios.append(row["every"] / row["auto"])
+        stated = " ".join("-" if value is None else f"{value:.1%}" for value in row["stated"])
+        samples = " ".join(f"{value:.0f}" for value in row["samples"])
         print(
-            f"| {scene.name} | {every:.3f} | {auto:.3f} | {every / auto:.2f} | {planning:.0%} | "
-            f"{text} | {chosen['plan']['omitted']:.2%}, {skipped} effects |",
+            f"| {scene.name} | {row['every']:.3f} | {row['auto']:.3f} | {ratios[-1]:.2f} | "
+            f"{row['planning']:.0%} | {stated} | {samples} | "
+            f"{row['omitted']:.2%}, {row['skipped']} effects; {row['estimators']} |",
             flush=True,
         )
     print(
@@ -67,13 +137,13 @@ def compare(scenes: list[PlannerScene], size: int, repeat: int, **common: Any) -
     )
 
 
-def finish(scenes: list[PlannerScene], size: int, target: float, **common: Any) -> None:
+def finish(scenes: list[PlannerScene], size: int, target: float, keep: Keep, **common: Any) -> None:
     """Scenes that show a translucent object."""
     ratios = []
     print("| scene | stated | left out, as planned | true | its bounds | true / target |")
     print("|---|---|---|---|---|---|")
     for scene in scenes:
-        known = truth(scene, size, effects=EVERYTHING, **(common | TRUTH))
+        known = keep.truth(scene, size, effects=EVERYTHING, **(common | TRUTH))
         if not known.mask.any():
             continue
         (image,), report = render_passes(
@@ -91,10 +161,58 @@ def finish(scenes: list[PlannerScene], size: int, target: float, **common: Any) 
     print(f"\nwithin 1, 1.1 and 1.5 times the target: {below} of {len(ratios)} scenes")
 
 
+SHARES_SIZE = 24  # of the pictures that planner_shares.json is from
+SHARE_LEAST = 1e-3  # Of smaller ones what is known by brute force is noise, too.
+
+
+def bounds(scenes: list[PlannerScene], seeds: int) -> None:
+    """By effect; a counted one's is the share of all its reflections."""
+    file = Path(__file__).resolve().parents[1] / "images/references/planner_shares.json"
+    known = json.loads(file.read_text())
+    held: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0])
+    errors: dict[str, list[float]] = defaultdict(list)
+    for scene in scenes:
+        shares = {
+            name: share[0] if name in COUNTS else share for name, share in known[scene.name].items()
+        }
+        for seed in range(seeds):
+            with handles.Scene(library.load()) as built:
+                scene.build(built)
+                built.commit()
+                plan = built.explain(
+                    width=SHARES_SIZE,
+                    height=SHARES_SIZE,
+                    samples=64,
+                    effects=EVERYTHING,
+                    effects_are_auto=1,
+                    seed=seed,
+                )
+            for effect in plan["effects"]:
+                true, share = shares.get(effect["name"], 0.0), effect["share"]
+                if true > SHARE_LEAST and share is not None:
+                    where = 0 if true < share["low"] else 2 if true > share["high"] else 1
+                    held[effect["name"]][where] += 1
+                    errors[effect["name"]].append(share["value"] / true - 1)
+    print("| effect | shares | between their bounds | below | above | predicted / true - 1 |")
+    print("|---|---|---|---|---|---|")
+    for name, (below, inside, above) in held.items():
+        total = below + inside + above
+        mean, spread = np.mean(errors[name]), np.std(errors[name])
+        print(
+            f"| {name} | {total} | {inside / total:.0%} | {below} | {above} "
+            f"| {mean:+.1%} +- {spread:.0%} |"
+        )
+    sums = np.sum(list(held.values()), axis=0)
+    print(f"\n{sums[1]} of {sums.sum()} between their bounds: {sums[1] / sums.sum():.1%}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", nargs="*")
     parser.add_argument("--finished", action="store_true")
+    parser.add_argument("--bounds", action="store_true")
+    parser.add_argument("--seeds", type=int, default=8)
+    parser.add_argument("--keep", type=Path, help="folder")
     parser.add_argument("--accuracy", type=float, default=0.05)
     parser.add_argument("--samples", type=int, default=0)
     parser.add_argument("--light-samples", type=int, default=1_000_000)
@@ -107,15 +225,19 @@ def main() -> None:
         "threads": options.threads,
         "light_samples": options.light_samples,
     }
+    if options.bounds:
+        bounds(scenes, options.seeds)
+        return
+    keep = Keep(options.keep)
     if options.finished:
-        finish(scenes, options.size, options.accuracy, **common)
+        finish(scenes, options.size, options.accuracy, keep, **common)
         return
     budget = (
         {"samples": options.samples, "accuracy": 0.0}
         if options.samples
         else {"accuracy": options.accuracy}
     )
-    compare(scenes, options.size, options.repeat, effects=EVERYTHING, **common, **budget)
+    compare(scenes, options.size, options.repeat, keep, effects=EVERYTHING, **common, **budget)
 
 
 if __name__ == "__main__":

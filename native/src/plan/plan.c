@@ -220,11 +220,11 @@ static uint32_t camera_effects(const Plan *plan) {
     return bits;
 }
 
-/* Batches of probes until every share is known well enough. Without a decision that hangs on them
- * one batch is enough. */
+/* Batches of probes until every share is known well enough, and probes_min of them at least.
+ * Without a decision that hangs on them one batch is enough. */
 static AmbStatus measure(const AmbScene *scene, const AmbRenderParams *params, const View *view,
-                         const LightProbe *light, uint64_t probes_max, Job *job,
-                         EffectShares *shares, const Plan *plan) {
+                         const LightProbe *light, uint64_t probes_min, uint64_t probes_max,
+                         Job *job, EffectShares *shares, const Plan *plan) {
     const EffectProbe probe = {
         .scene = scene,
         .view = view,
@@ -242,7 +242,8 @@ static AmbStatus measure(const AmbScene *scene, const AmbRenderParams *params, c
                    .replicas = 2}};
     while (shares->probe_count < probes_max) {
         AMB_TRY(effect_shares_measure(shares, &probe, PROBES_MIN, job));
-        if (!plan->is_automatic || decide_is_settled(shares, plan))
+        if (!plan->is_automatic ||
+            (shares->probe_count >= probes_min && decide_is_settled(shares, plan)))
             break;
     }
     return AMB_OK;
@@ -278,8 +279,12 @@ static AmbStatus decide_by_shares(const AmbScene *scene, const AmbRenderParams *
         status = effect_shares_create(scene, &shares);
         const uint64_t few = is_clear ? PROBES_CLEAR : PROBES_FEW;
         const uint64_t probes = clamp_count(samples / SAMPLES_PER_PROBE, few, PROBES_MAX);
+        /* What only a few pixels show many times reflected, few probes miss; where nothing scatters
+         * those that cost next to nothing are not saved. */
+        const uint64_t least =
+            is_clear ? clamp_count(samples / SAMPLES_PER_PROBE, PROBES_MIN, few) : PROBES_MIN;
         if (status == AMB_OK)
-            status = measure(scene, params, &view, light, probes, job, &shares, plan);
+            status = measure(scene, params, &view, light, least, probes, job, &shares, plan);
         if (status == AMB_OK) {
             decide_describe(&shares, plan);
             if (plan->is_automatic)

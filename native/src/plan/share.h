@@ -16,8 +16,9 @@
  * Where few walks find anything, few products are not zero; the mean of D itself, which the root of
  * the mean square is never below, is known much better then. */
 typedef struct ShareSum {
-    double square, square_square; /* sums over the probes of weight D_a D_b, and its square */
-    double mean, mean_square;     /* the same of weight (D_a + D_b) / 2 */
+    double square, square_square;  /* sums over the probes of weight D_a D_b, and its square */
+    double mean, mean_square;      /* the same of weight (D_a + D_b) / 2 */
+    double square_most, mean_most; /* the largest of either */
 } ShareSum;
 
 static inline void share_add(ShareSum *sum, double weight, Rgb a, Rgb b) {
@@ -27,6 +28,8 @@ static inline void share_add(ShareSum *sum, double weight, Rgb a, Rgb b) {
     const double mean = weight * (double)rgb_mean(rgb_scale(rgb_add(a, b), 0.5f));
     sum->mean += mean;
     sum->mean_square += mean * mean;
+    sum->square_most = fmax(sum->square_most, square);
+    sum->mean_most = fmax(sum->mean_most, mean);
 }
 
 typedef struct Share {
@@ -35,7 +38,8 @@ typedef struct Share {
     double low, high; /* the value lies between them, about nineteen times in twenty */
 } Share;
 
-/* Two standard errors. */
+/* Two standard errors; upwards also what one more probe would add that is like the largest so far:
+ * of light that few pixels have, few probes know too little of its spread. */
 static const double SHARE_SIGMAS = 2.0;
 
 /* The spread of a mean of count numbers by their sums. */
@@ -54,7 +58,8 @@ static inline Share share_estimate(const ShareSum *sum, uint64_t count, double r
     const double mean_spread = share_spread(sum->mean, sum->mean_square, n);
     const double factor = 1.0 + SHARE_SIGMAS * radiance_error;
     const double low = fmax(sqrt(fmax(square - square_spread, 0.0)), mean - mean_spread);
-    const double high = fmax(sqrt(fmax(square + square_spread, 0.0)), mean + mean_spread);
+    const double high = fmax(sqrt(fmax(square + square_spread + sum->square_most / n, 0.0)),
+                             mean + mean_spread + sum->mean_most / n);
     return (Share){.is_known = true,
                    .value = fmax(sqrt(fmax(square, 0.0)), mean) / radiance,
                    .low = low / (radiance * factor),

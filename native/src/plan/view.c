@@ -14,17 +14,18 @@ typedef struct Survey {
     const AmbScene *scene;
     const ViewParams *params;
     uint32_t cells_x, cells_y;
+    bool has_corners; /* cells are pixels */
     ViewPixel *found; /* by cell; object UINT32_MAX: none */
     atomic_bool has_opaque;
 } Survey;
 
-/* The object that the ray through the middle of a pixel meets first, UINT32_MAX if it is none
- * that is translucent. A camera inside of an object sees that one. */
+/* The object that the ray through a place in a pixel meets first, UINT32_MAX if it is none that is
+ * translucent. A camera inside of an object sees that one. */
 static uint32_t object_at(const AmbScene *scene, const ViewParams *params, uint32_t x, uint32_t y,
-                          bool *out_is_opaque) {
+                          Sample2 place, bool *out_is_opaque) {
     const CameraRay ray =
-        camera_ray(&scene->camera, ((float)x + 0.5f) / (float)params->full_width,
-                   ((float)y + 0.5f) / (float)params->full_height, (Sample2){0.5f, 0.5f});
+        camera_ray(&scene->camera, ((float)x + place.u) / (float)params->full_width,
+                   ((float)y + place.v) / (float)params->full_height, (Sample2){0.5f, 0.5f});
     Hit hit;
     *out_is_opaque = false;
     if (!scene_intersect(scene, ray.o, ray.d, ray.t_max, &hit))
@@ -34,6 +35,22 @@ static uint32_t object_at(const AmbScene *scene, const ViewParams *params, uint3
         return surface.object;
     *out_is_opaque = true;
     return UINT32_MAX;
+}
+
+/* Where a pixel is looked at: in its middle, and beside its corners. */
+static const Sample2 MIDDLE = {0.5f, 0.5f};
+static const Sample2 CORNERS[] = {{0.05f, 0.05f}, {0.95f, 0.05f}, {0.05f, 0.95f}, {0.95f, 0.95f}};
+
+/* The object of a pixel; with its corners, of one that shows only the edge of an object, too. Such
+ * pixels count among those that show it (film.h), and are many in a small picture. */
+static uint32_t object_of(const Survey *survey, uint32_t x, uint32_t y, bool *out_is_opaque) {
+    uint32_t object = object_at(survey->scene, survey->params, x, y, MIDDLE, out_is_opaque);
+    for (uint32_t i = 0; object == UINT32_MAX && survey->has_corners && i < 4; ++i) {
+        bool is_opaque;
+        object = object_at(survey->scene, survey->params, x, y, CORNERS[i], &is_opaque);
+        *out_is_opaque = *out_is_opaque || is_opaque;
+    }
+    return object;
 }
 
 static AmbStatus look(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
@@ -51,7 +68,7 @@ static AmbStatus look(void *user, uint64_t begin, uint64_t end, uint32_t thread)
         pixel->x = params->x + (x < params->width ? x : params->width - 1);
         pixel->y = params->y + (y < params->height ? y : params->height - 1);
         bool is_opaque;
-        pixel->object = object_at(survey->scene, params, pixel->x, pixel->y, &is_opaque);
+        pixel->object = object_of(survey, pixel->x, pixel->y, &is_opaque);
         if (is_opaque)
             atomic_store(&survey->has_opaque, true);
     }
@@ -94,7 +111,7 @@ static bool search(const AmbScene *scene, const ViewParams *params, uint32_t o,
         bool is_opaque;
         if (project(scene, params, object->positions[mesh->triangles[3 * triangle]], &out_pixel->x,
                     &out_pixel->y) &&
-            object_at(scene, params, out_pixel->x, out_pixel->y, &is_opaque) == o) {
+            object_at(scene, params, out_pixel->x, out_pixel->y, MIDDLE, &is_opaque) == o) {
             out_pixel->object = o;
             return true;
         }
@@ -144,6 +161,7 @@ AmbStatus view_create(const AmbScene *scene, const ViewParams *params, Job *job,
     const double edge = fmax(1.0, sqrt(pixels / (double)params->ray_count));
     survey.cells_x = (uint32_t)fmax(1.0, floor((double)params->width / edge));
     survey.cells_y = (uint32_t)fmax(1.0, floor((double)params->height / edge));
+    survey.has_corners = survey.cells_x == params->width && survey.cells_y == params->height;
     const uint64_t cells = (uint64_t)survey.cells_x * survey.cells_y;
     survey.found = memory_alloc_array(cells, sizeof *survey.found);
     if (survey.found == NULL)
