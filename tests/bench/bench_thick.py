@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Later orders of scattering in thick media: walks against photons. Prints; never asserts.
 
-    python3 tests/bench/bench_thick.py [--jade | --means] [--threads N]
+    python3 tests/bench/bench_thick.py [--jade | --means | --tracer] [--threads N]
 
 First a table over optical radius and albedo of a sphere, index 1.5, lit by a point: the error of
 double and multiple scattering together, what it cost, and from both what 3 % would cost in an
@@ -9,7 +9,7 @@ image of 256 x 256, in units of what its camera rays alone take. Errors of walks
 n^(-1/2), of photons with n^(-1/3): cells get smaller as photons get more. Then jade, optical
 radius 20, as sphere and as bumpy sphere, against photons sixteen times as many and along other
 camera rays, kept under build/bench. --means is the bias of photons: means of small pictures to
-those of walks.
+those of walks; --tracer is the same to the stored orders of the independent path tracer.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from api import (  # noqa: E402
     set_perspective,
 )
 from meshes import Mesh, bumpy_sphere, icosphere  # noqa: E402
+from order_scenes import passes, reference_scene, stored_orders, whole  # noqa: E402
 
 LATER = _ffi.AMB_EFFECT_DOUBLE_SCATTERING | _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
 WALK, PHOTONS = _ffi.AMB_SCATTER_WALK, _ffi.AMB_SCATTER_PHOTONS
@@ -60,6 +61,8 @@ MEANS = [  # shape, optical radius, albedo, g, pairs of walks, photons
     ("sphere", 200, 0.9, 0.0, 4, 2**17),
 ]
 MEANS_SIZE, MEANS_WALKS, MEANS_PHOTON_RUNS = 16, 64, 4
+TRACED = [("sphere", 10.0), ("slab", 10.0), ("bumpy", 2.0), ("bumpy", 10.0)]
+TRACED_SIZE, TRACED_RUNS, TRACED_SAMPLES = 16, 12, 16
 MESHES = {"sphere": lambda: icosphere(4), "bumpy": lambda: bumpy_sphere(4)}
 
 
@@ -183,6 +186,35 @@ def compare_means(row: tuple[str, float, float, float, int, int], threads: int) 
     )
 
 
+def compare_tracer(shape: str, optical_radius: float, threads: int) -> None:
+    """Orders 2, and 3 and up, in brackets the standard error of both."""
+    scene = reference_scene(shape, optical_radius)
+    mean, error = whole(stored_orders(shape, optical_radius))
+    known = np.array([mean[2], mean[3] + mean[4]])
+    known_error = np.array([error[2], np.hypot(error[3], error[4])])
+    runs = np.array(
+        [
+            passes(
+                scene,
+                TRACED_SIZE,
+                seed=seed,
+                samples=TRACED_SAMPLES,
+                light_samples=2**19,
+                kernel_size=1.0,
+                scatter_estimator=PHOTONS,
+                threads=threads,
+            ).mean(axis=(0, 1))[1:]
+            for seed in range(TRACED_RUNS)
+        ]
+    )
+    ours, spread = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(TRACED_RUNS)
+    cells = [
+        f"{ours[k] / known[k] - 1:+.2%} ({np.hypot(spread[k], known_error[k]) / known[k]:.2%})"
+        for k in (0, 1)
+    ]
+    print(f"| {shape} {optical_radius:g} | {scene.g:g} | {cells[0]} | {cells[1]} |", flush=True)
+
+
 def jade(name: str, mesh: Mesh, unit: float, threads: int) -> None:
     build = scene_of(mesh, 20, 0.99)
     cache = ROOT / f"build/bench/thick_{name}_{SIZE}.npy"
@@ -224,6 +256,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--jade", action="store_true", help="jade alone, without the table")
     parser.add_argument("--means", action="store_true", help="bias against walks alone")
+    parser.add_argument("--tracer", action="store_true", help="bias against the tracer alone")
     parser.add_argument("--threads", type=int, default=1)
     arguments = parser.parse_args()
     if arguments.means:
@@ -231,6 +264,12 @@ def main() -> None:
         print("|---|---|---|---|---|---|---|")
         for row in MEANS:
             compare_means(row, arguments.threads)
+        return
+    if arguments.tracer:
+        print("| body, optical radius | g | order 2 | order 3+ |")
+        print("|---|---|---|---|")
+        for shape, optical_radius in TRACED:
+            compare_tracer(shape, optical_radius, arguments.threads)
         return
     unit = camera_rays(arguments.threads)
     print(f"camera rays alone, {SIZE} x {SIZE} x {SAMPLES}: {unit:.3f} CPU s", flush=True)

@@ -15,7 +15,7 @@ enum {
 
 /* Layers begin this thin, in mean free paths of the densest channel, then each is thicker than the
  * last. */
-static const float LAYER_WIDTH = 0.25f, LAYER_GROWTH = 1.2f;
+static const float LAYER_WIDTH = 0.125f, LAYER_GROWTH = 1.2f;
 /* A layer counts fully where so much of it is around, of what a plane one would have. */
 static const float LAYER_PART = 0.2f;
 /* Light from below this optical depth of the clearest channel is left out: exp(-9) = 1.2e-4. */
