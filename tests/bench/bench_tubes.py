@@ -3,13 +3,16 @@
 never asserts.
 
     python3 tests/bench/bench_tubes.py [growth] [views] [error] [--threads 2] [--log2-samples 24]
+    python3 tests/bench/bench_tubes.py scans --meshes DIR
 
 Errors are along the same camera rays as the references', 256^2 pixels, 4 samples each; bumpy.py
 has the references. Cost is in CPU seconds of all stages of the library's report, and in units of
 what the camera rays alone take; every ratio is of two things measured in one run. POINTS_FIXED is
 swept over its kernel and its number of samples, and what it costs to reach an error is read off
 the best of these curves, between its points: the steps of the sweep do not speak against it.
-Of SPECULAR the table says that it is not available where the library refuses it.
+Of SPECULAR the table says that it is not available where the library refuses it. Scans are the
+Stanford bunny and buddha (DIR/bunny.obj, DIR/buddha.obj) in place of the bumpy sphere, with normals
+smoothed over neighbouring faces, against tubes of refinement 1.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "images"))
 import bumpy  # noqa: E402
 import metrics  # noqa: E402
 from api import LIBRARY, BuildScene, Image, errors  # noqa: E402
+from meshes import Mesh, read_obj  # noqa: E402
 
 LEVELS = (5, 6, 7, 8)  # 20k, 82k, 328k and 1.3M triangles
 REPEATS = 3
@@ -208,6 +212,44 @@ def growth(threads: int) -> None:
     print(f"\nOver the whole range: N^{whole:.2f} (bar: below N^0.8, aim N^0.5).")
 
 
+# ---- Scanned meshes ------------------------------------------------------------------------------
+
+
+def smoothed(mesh: Mesh) -> Mesh:
+    """As large as the bumpy sphere, in its place, with normals weighted by the faces' areas."""
+    low, high = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
+    points = mesh.positions - (low + high) / 2
+    points /= np.linalg.norm(points, axis=1).max()
+    a, b, c = points[mesh.triangles].transpose(1, 0, 2)
+    faces = np.cross(b - a, c - a)
+    normals = np.zeros_like(points)
+    for corner in mesh.triangles.T:
+        np.add.at(normals, corner, faces)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return Mesh(points, mesh.triangles, normals / np.maximum(length, 1e-30))
+
+
+def scans(threads: int, folder: Path) -> None:
+    print("\n## Scanned meshes, side-lit, against refinement 1\n")
+    print("| mesh | triangles | tubes | MB | `rel_rmse` | `floored_rel` | mean | / rays |")
+    print("|---|---|---|---|---|---|---|---|")
+    for name in ("bunny", "buddha"):
+        mesh = smoothed(read_obj(folder / f"{name}.obj"))
+        build = bumpy.lit_alike(mesh)
+        fine, image = (bumpy.measure(build, "TUBES", 1, 1.0, threads, level) for level in (1, 0))
+        rays = [bumpy.stage_cpu(bumpy.rays_alone(build, threads)) for _ in range(REPEATS)]
+        mask = fine.cover > 0
+        mean = float(metrics.mean_ratio(image.pixels, fine.pixels, mask).mean())
+        print(
+            f"| {name} | {len(mesh.triangles)} | {image.report['light']['tubes']} "
+            f"| {image.report['memory']['field_bytes'] / 1e6:.1f} "
+            f"| {100 * metrics.rel_rmse(image.pixels, fine.pixels, mask):.2f} % "
+            f"| {100 * metrics.floored_rel(image.pixels, fine.pixels, mask):.2f} % "
+            f"| {mean:.4f} | {bumpy.stage_cpu(image) / statistics.median(rays):.1f} |",
+            flush=True,
+        )
+
+
 # ---- Views along the light -----------------------------------------------------------------------
 
 
@@ -291,22 +333,27 @@ def print_against_specular(tubes: Sequence[Row], specular: Row | None) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parts = ("growth", "views", "error")
-    parser.add_argument("parts", nargs="*", choices=[*parts, []], help="default: all")
+    parts = ("growth", "views", "error", "scans")
+    parser.add_argument("parts", nargs="*", choices=[*parts, []], help="default: all but scans")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument(
         "--log2-samples", type=int, default=24, help="most volume samples of points (24: 1 GB)"
     )
+    parser.add_argument("--meshes", type=Path, help="folder of bunny.obj and buddha.obj, for scans")
     arguments = parser.parse_args()
     if not LIBRARY.is_file():
         sys.exit(f"{LIBRARY} is not built: ./amberlight build")
-    chosen = arguments.parts or parts
+    chosen = arguments.parts or parts[:3]
+    if "scans" in chosen and arguments.meshes is None:
+        parser.error("scans need --meshes")
     if "growth" in chosen:
         growth(arguments.threads)
     if "error" in chosen:
         equal_error(arguments.threads, arguments.log2_samples)
     if "views" in chosen:
         views(arguments.threads, arguments.log2_samples)
+    if "scans" in chosen:
+        scans(arguments.threads, arguments.meshes)
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from api import (  # noqa: E402
     render,
     set_perspective,
 )
-from meshes import bumpy_sphere  # noqa: E402
+from meshes import Mesh, bumpy_sphere  # noqa: E402
 from ref_bumpy import bumpy_scene  # noqa: E402
 
 SIZE, SAMPLES, SEED = 256, 4, 0
@@ -70,11 +70,16 @@ UP = (0.0, 1.0, 0.0)
 
 def bumpy(level: int = 5, view: View = SIDE_LIT) -> BuildScene:
     """The case with 20 * 4^level triangles."""
-    scene = bumpy_scene(bumpy_sphere(level))
+    return lit_alike(bumpy_sphere(level), view)
+
+
+def lit_alike(mesh: Mesh, view: View = SIDE_LIT) -> BuildScene:
+    """Another mesh in place of the sphere."""
+    scene = bumpy_scene(mesh)
     medium = Medium(scene.n, scene.sigma_s, scene.sigma_t - scene.sigma_s, scene.g)
 
     def build(handle: handles.Scene) -> None:
-        add_body(handle, scene.mesh, medium)
+        add_body(handle, mesh, medium)
         add_point(handle, scene.light, scene.intensity)
         set_perspective(handle, view.eye, view.forward, UP, FOV)
 

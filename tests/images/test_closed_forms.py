@@ -8,6 +8,7 @@ the kernel and of the number of light samples; a wrong factor anywhere is far ou
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import metrics
 import numpy as np
@@ -459,6 +460,50 @@ def test_exact_connections_agree_with_fine_tubes_in_each_pixel(shape: str) -> No
         np.ones(3), abs=3e-4
     )
     assert metrics.rel_rmse(tubes.pixels, exact.pixels, mask) < (1e-3 if shape == "box" else 1e-2)
+
+
+def rough_sphere(scale: float) -> Mesh:
+    """A sphere with small faces whose normals lie far apart, as scans have them: a triangle of that
+    part of its size in the middle of every one."""
+    sphere = icosphere(3)
+    corners = sphere.positions[sphere.triangles]
+    middle = corners.mean(axis=1, keepdims=True)
+    inner = (middle + scale * (corners - middle)).reshape(-1, 3)
+    smooth = inner / np.linalg.norm(inner, axis=1, keepdims=True)
+    rough = smooth + np.random.default_rng(3).normal(size=smooth.shape, scale=0.5)
+    rough /= np.linalg.norm(rough, axis=1, keepdims=True)
+    first, count = len(sphere.positions), len(inner)
+    d, e, f = (first + np.arange(count).reshape(-1, 3)).T
+    a, b, c = sphere.triangles.T
+    ring = [t for p, q, r, s in ((a, b, e, d), (b, c, f, e), (c, a, d, f))
+            for t in ((p, q, r), (p, r, s))]  # fmt: skip
+    triangles = [*ring, (d + count, e + count, f + count)]
+    assert sphere.normals is not None
+    return Mesh(
+        np.concatenate([sphere.positions, inner, inner]),
+        np.concatenate([np.stack(t, axis=1) for t in triangles]).astype(np.uint32),
+        np.concatenate([sphere.normals, smooth, rough]),
+    )
+
+
+def test_small_rough_faces_stay_whole() -> None:
+    """Faces that hardly any light enters are not cut for the sake of their normals. They are less
+    than a thousandth of the sphere, which they neither add to nor take from."""
+    rough = rough_sphere(0.02)
+
+    def build(scene: handles.Scene, mesh: Mesh) -> None:
+        add_body(scene, mesh, Medium(1.5, 0.3, 0.1))
+        add_sun(scene, (0.1, 0.3, -1))
+        set_orthographic(scene, (0, 0.2, 5), (0, 0, -1), (0, 1, 0), 1.2)
+
+    found, clean = (
+        render(partial(build, mesh=mesh), 16, estimator=TUBES) for mesh in (rough, icosphere(3))
+    )
+    assert found.report["light"]["tubes"] < 2 * len(rough.triangles)
+    assert metrics.mean_ratio(found.pixels, clean.pixels) == pytest.approx(np.ones(3), abs=1e-3)
+    for key in ("incident", "entered", "interacting"):
+        flux, expected = (shot.report["light"][f"flux_{key}"][1] for shot in (found, clean))
+        assert flux == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize("bounces", [1, 2])

@@ -88,6 +88,19 @@ static void make_disc_cell(SceneLight *cell, Sample2 s, float share, Vec3 target
     cell->radius = 0.0f;
 }
 
+/* As if the object were its bounding sphere, and all of it saw the lamp as its middle does. */
+static float flux_towards(const SceneLight *light, const SceneObject *object) {
+    if (light->kind != AMB_LIGHT_SUN &&
+        !(vec3_length(vec3_sub(object->center, light->position)) > 0.0f))
+        return 0.0f;
+    const LightArrival arrival = light_arrival(light, object->center, (Sample2){0.5f, 0.5f});
+    const float largest = rgb_max(light->color);
+    const float cross_section = AMB_PI * object->radius * object->radius;
+    const float sphere = 4.0f * AMB_PI * arrival.distance * arrival.distance;
+    const float flux = rgb_max(arrival.irradiance) / largest * fminf(cross_section, sphere);
+    return isfinite(flux) ? flux : 0.0f;
+}
+
 /* The cell in the middle of which s is, in [-1, 1]^2, one of n x n. */
 static TubeSource make_cell(const SceneLight *light, const SceneObject *object, Sample2 s,
                             uint32_t n) {
@@ -134,7 +147,9 @@ AmbStatus tube_sources_create(const AmbScene *scene, uint32_t object, TubeSource
             const uint32_t column = i % n, row = i / n;
             const Sample2 s = {(float)(2 * column + 1) / (float)n - 1.0f,
                                (float)(2 * row + 1) / (float)n - 1.0f};
-            sources[count++] = make_cell(light, body, s, n);
+            sources[count] = make_cell(light, body, s, n);
+            sources[count].flux = flux_towards(&sources[count].light, body);
+            ++count;
         }
     }
     *out_sources = sources;

@@ -11,6 +11,7 @@ typedef struct TubeSource {
     SceneLight light; /* with a point or direction of its own (an area light's is that of its
                        * middle); name is the scene's */
     Vec3 extent[2];   /* half of the cell along two axes: m, of a sun rad; 0: a point */
+    float flux;       /* W of unit colour that reach the object, about; 0: not known */
 } TubeSource;
 
 enum { TUBE_CELLS_MAX = 6 }; /* along each axis */

@@ -29,6 +29,16 @@ static const float ASPECT_MAX = 8.0f;
  * more than this part of its range over the corners, a tube is looked at more closely; every
  * refinement halves it. */
 static const float BEND_MAX = 0.1f;
+/* What a tube does wrong is its light times how far that is from linear, and scanned meshes have
+ * many small faces whose normals lie far apart. A piece with less than this share of the light that
+ * reaches its object may spread it wider, as the root of the share (what is not linear grows as the
+ * square of its width), */
+static const float WIDE_SHARE = 0x1p-16f;
+/* be more bent, */
+static const float BENT_SHARE = 0x1p-20f;
+/* and is not cut by the edge of a shadow. Every refinement quarters all three. */
+static const float EDGE_SHARE = 0x1p-24f;
+static const float SHARE_TINY = 1e-20f; /* that of no light at all */
 /* A tube's blur is larger than at its corners by no more than this. */
 static const float BLUR_SLACK = 1.2f;
 /* Ends whose distances differ by more than this factor are on different surfaces. */
@@ -236,18 +246,29 @@ static float lamp_height(const Face *face, const Corner corners[3]) {
     return length > 0.0f ? fabsf(height) / length : 0.0f;
 }
 
-static bool is_coarse(const Face *face, const Corner corners[3]) {
+/* A piece's part of the light that reaches the object, in units of what a refinement makes of it; 0
+ * in darkness, whose directions are nothing to be fine about; infinite: not known. */
+static float light_share(const Face *face, const Corner corners[3], float area) {
+    const float reaching = face->source->flux;
+    if (!corners[0].is_lit && !corners[1].is_lit && !corners[2].is_lit)
+        return 0.0f;
+    if (!(reaching > 0.0f))
+        return INFINITY;
+    const float flux = fmaxf(fmaxf(corners[0].flux, corners[1].flux), corners[2].flux);
+    return area * flux / reaching * ldexpf(1.0f, 2 * (int)face->cutter->params->refinement);
+}
+
+static bool is_coarse(const Face *face, const Corner corners[3], float area) {
     const Cutter *cutter = face->cutter;
     const float share = ldexpf(1.0f, -(int)cutter->params->refinement);
     const float radius = cutter->scene->objects[cutter->object].radius;
     const Vec3 x[3] = {corners[0].x, corners[1].x, corners[2].x};
     const Vec3 w[3] = {corners[0].w, corners[1].w, corners[2].w};
-    const float size = tube_largest_difference(x);
-    /* What directions darkness would have is nothing to be fine about. */
-    const bool is_lit = corners[0].is_lit || corners[1].is_lit || corners[2].is_lit;
+    const float size = tube_largest_difference(x), angle = tube_largest_difference(w);
+    const float ease2 =
+        fmaxf(WIDE_SHARE / fmaxf(light_share(face, corners, area), SHARE_TINY), 1.0f);
     return size > TUBE_SIZE_SHARE_MAX * share * radius ||
-           (is_lit && tube_largest_difference(w) > TUBE_ANGLE_MAX * share) ||
-           misses_spot(face, corners, size);
+           angle > TUBE_ANGLE_MAX * share * sqrtf(ease2) || misses_spot(face, corners, size);
 }
 
 /* Whether a lamp is so near that its light differs too much between the corners, or its cone so
@@ -314,7 +335,8 @@ static AmbStatus emit_tube(const Face *face, const Corner corners[3], float area
         return AMB_OK;
     /* Between the corners the light may go farther before it leaves. */
     tube->far = 1.1f * tube->far + tube_largest_difference(tube->x);
-    tube->bulge = bulge_of(face, corners);
+    tube->bulge =
+        bulge_of(face, corners) * fminf(light_share(face, corners, area) / BENT_SHARE, 1.0f);
     AMB_TRY(tube_chunk_append(face->chunk, &cut_tube));
     return cutter->params->bounces > 0 ? tubes_reflect(face, corners, area) : AMB_OK;
 }
@@ -364,9 +386,10 @@ static AmbStatus cut(const Face *face, const Corner corners[3], uint32_t halving
     const bool is_near =
         halvings >= COARSE_HALVINGS && halvings < NEAR_HALVINGS && is_near_lamp(face, corners);
     bool divides = halvings < 2 * face->cutter->params->refinement ||
-                   (halvings < COARSE_HALVINGS && is_coarse(face, corners)) || is_near;
+                   (halvings < COARSE_HALVINGS && is_coarse(face, corners, area)) || is_near;
     const int across = divides ? edge_of_sliver(corners, area) : -1;
-    if (!divides && edges < EDGE_LEVELS && is_cut(corners)) {
+    if (!divides && edges < EDGE_LEVELS && is_cut(corners) &&
+        light_share(face, corners, area) > EDGE_SHARE) {
         divides = true;
         ++edges;
     }
