@@ -56,11 +56,13 @@ def effects(plan: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {effect["name"]: effect for effect in plan["effects"]}
 
 
-def taken_back_rightly(plan: dict[str, Any], name: str, shares: dict[str, Any]) -> bool:
+def taken_back_rightly(
+    plan: dict[str, Any], name: str, share: float, shares: dict[str, Any]
+) -> bool:
     """Whether with this share more would be left out than one effect may have alone, five sixths
     of what all may have together."""
     is_taken_back = effects(plan)[name]["reason"] == TOGETHER
-    return is_taken_back and left_out(plan, shares) + shares[name] > plan["plan"]["share_min"]
+    return is_taken_back and left_out(plan, shares) + share > plan["plan"]["share_min"]
 
 
 def wrong_decisions(plan: dict[str, Any], shares: dict[str, Any]) -> list[str]:
@@ -79,12 +81,13 @@ def wrong_decisions(plan: dict[str, Any], shares: dict[str, Any]) -> list[str]:
             if left is not None and left > CLEAR * least:
                 wrong.append(f"{name}: {count} leave {left:.2%}")
             fewer = [known for known in BOUNCES if known < count]
-            if fewer and rest[fewer[-1]] < least / CLEAR:
+            one_less = rest[fewer[-1]] if fewer else least
+            if one_less < least / CLEAR and not taken_back_rightly(plan, name, one_less, shares):
                 wrong.append(f"{name}: {count}, {fewer[-1]} leave but {rest[fewer[-1]]:.2%}")
         elif share > CLEAR * least and not effect["simulated"]:
             wrong.append(f"{name}: skipped, has {share:.2%}, predicted {measured}")
         elif share < least / CLEAR and effect["simulated"]:
-            if not taken_back_rightly(plan, name, shares):
+            if not taken_back_rightly(plan, name, share, shares):
                 wrong.append(f"{name}: simulated, has {share:.2%}, predicted {measured}")
     return wrong
 

@@ -10,6 +10,7 @@
 #include "plan/plan_estimator.h"
 #include "plan/plan_scatter.h"
 #include "plan/scene_rules.h"
+#include "plan/view_reflections.h"
 
 /* Volume samples along one light ray, on average. More of them follow a caustic more closely and
  * make tighter boxes, fewer leave more rays for the same memory. */
@@ -222,7 +223,7 @@ static uint32_t camera_effects(const Plan *plan) {
 
 /* Batches of probes until every share is known well enough, and probes_min of them at least.
  * Without a decision that hangs on them one batch is enough. */
-static AmbStatus measure(const AmbScene *scene, const AmbRenderParams *params, const View *view,
+static AmbStatus measure(const AmbScene *scene, const AmbRenderParams *params, View *view,
                          const LightProbe *light, uint64_t probes_min, uint64_t probes_max,
                          Job *job, EffectShares *shares, const Plan *plan) {
     const EffectProbe probe = {
@@ -240,6 +241,10 @@ static AmbStatus measure(const AmbScene *scene, const AmbRenderParams *params, c
                    .film_transparent = params->film_transparent != 0,
                    .may_start_inside = scene_may_start_inside(scene),
                    .replicas = 2}};
+    /* Where nothing scatters a render costs little more than this would. */
+    if (plan->is_automatic && plan->effects[PLAN_CAMERA_BOUNCES].is_simulated &&
+        scene_has_scattering(scene))
+        AMB_TRY(view_weigh_reflections(scene, &probe.camera, job, view));
     while (shares->probe_count < probes_max) {
         AMB_TRY(effect_shares_measure(shares, &probe, PROBES_MIN, job));
         if (!plan->is_automatic ||

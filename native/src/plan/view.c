@@ -180,25 +180,64 @@ void view_clear(View *view) {
     memory_free(view->pixels);
     memory_free(view->firsts);
     memory_free(view->areas);
+    memory_free(view->reflections);
     memset(view, 0, sizeof *view);
+}
+
+/* Of the probes where reflections are known. */
+static const double REFLECTION_PART = 0.25;
+
+static uint64_t scale_index(double u, uint64_t count) {
+    const uint64_t i = (uint64_t)(u * (double)count);
+    return i < count ? i : count - 1;
+}
+
+static uint64_t pick_by_object(const View *view, double u, double v) {
+    const double alike = 0.5 / (double)view->visible_count;
+    double running = 0.0;
+    uint64_t pixel = 0;
+    for (uint32_t o = 0; o < view->object_count; ++o) {
+        if (!(view->areas[o] > 0.0))
+            continue;
+        const uint64_t first = view->firsts[o];
+        pixel = first + scale_index(v, view->firsts[o + 1] - first);
+        running += 0.5 * view->areas[o] + alike;
+        if (u < running)
+            break;
+    }
+    return pixel;
+}
+
+/* The first pixel whose running sum is beyond u of all. */
+static uint64_t pick_by_reflections(const View *view, double u) {
+    const double wanted = u * view->reflections[view->count - 1];
+    uint64_t low = 0, high = view->count - 1;
+    while (low < high) {
+        const uint64_t middle = (low + high) / 2;
+        if (view->reflections[middle] > wanted)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    return low;
 }
 
 ViewProbe view_probe(const View *view, uint64_t i) {
     const Sample2 at = sample_r2(i, 0.5f, 0.5f);
-    const double alike = 0.5 / (double)view->visible_count;
-    double running = 0.0;
-    ViewProbe probe = {.weight = 0.0};
-    for (uint32_t o = 0; o < view->object_count; ++o) {
-        if (!(view->areas[o] > 0.0))
-            continue;
-        const double chance = 0.5 * view->areas[o] + alike;
-        const uint64_t first = view->firsts[o], count = view->firsts[o + 1] - first;
-        const uint64_t pick = (uint64_t)((double)at.v * (double)count);
-        probe.pixel = view->pixels[first + (pick < count ? pick : count - 1)];
-        probe.weight = view->areas[o] / chance;
-        running += chance;
-        if ((double)at.u < running)
-            break;
-    }
+    const double *sums = view->reflections;
+    const double whole = sums != NULL ? sums[view->count - 1] : 0.0;
+    const double part = whole > 0.0 ? REFLECTION_PART : 0.0;
+    const double u = (double)at.u, v = (double)at.v;
+    const uint64_t pick = sums != NULL && u < part
+                              ? pick_by_reflections(view, v)
+                              : pick_by_object(view, (u - part) / (1.0 - part), v);
+    ViewProbe probe = {.pixel = view->pixels[pick]};
+    const uint32_t o = probe.pixel.object;
+    const double count = (double)(view->firsts[o + 1] - view->firsts[o]);
+    double density = (1.0 - part) * (0.5 * view->areas[o] + 0.5 / (double)view->visible_count);
+    density /= count;
+    if (sums != NULL && whole > 0.0)
+        density += part * (sums[pick] - (pick > 0 ? sums[pick - 1] : 0.0)) / whole;
+    probe.weight = view->areas[o] / (count * density);
     return probe;
 }

@@ -13,8 +13,9 @@ typedef struct ViewPixel {
 typedef struct View {
     ViewPixel *pixels; /* grouped by object */
     uint64_t count;
-    uint64_t *firsts; /* by object, object_count + 1: where its pixels begin */
-    double *areas;    /* by object: its share of the pixels that show any */
+    uint64_t *firsts;    /* by object, object_count + 1: where its pixels begin */
+    double *areas;       /* by object: its share of the pixels that show any */
+    double *reflections; /* by pixel, running sums of what view_weigh_reflections found; or NULL */
     uint32_t object_count, visible_count;
     bool has_opaque; /* an opaque surface is seen */
 } View;
@@ -36,7 +37,8 @@ typedef struct ViewProbe {
 } ViewProbe;
 
 /* Probe i of a sequence of which every beginning covers the pixels evenly; half of it goes to the
- * objects by their size in the picture, half to each alike. view->visible_count must be > 0. */
+ * objects by their size in the picture, half to each alike, but for a quarter of all that goes to
+ * reflections where these are known. view->visible_count must be > 0. */
 ViewProbe view_probe(const View *view, uint64_t i);
 
 #endif
