@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from api import errors, render
 from hard import ALL, METHODS, POINTS, TRIANGLES, Case
-from meshes import box, icosphere, large_slab
+from meshes import box, bumpy_sphere, icosphere, large_slab
 from oracles import fresnel, refracted_cosine
 from scenes import (
     AREA,
@@ -127,6 +127,17 @@ def spot_flux(method: str, size: float) -> float:
     params = {"threads": 1, "light_samples": 2**14}
     report = render(setup.build, 1, **(params | METHODS[method])).report["light"]
     return relative(report["flux_incident"][0], 4 * np.pi * np.sin(size / 4) ** 2)
+
+
+def trapped_light(method: str, ior: float) -> float:
+    """The picture of walls that keep the light in for sixteen reflections; points are the truth."""
+    body = Body(bumpy_sphere(3), ior, (0.4, 0.5, 0.3), 0.2)
+    setup = replace(SPHERE, bodies=(body,), lamps=(Lamp(POINT, position=(2, 1, 3)),))
+    found, truth = (
+        mean(setup, m, samples=8, light_samples=2**18, light_bounces=16, kernel_size=4.0)
+        for m in (method, "POINTS_COVARIANCE")
+    )
+    return relative(found, truth)
 
 
 # ---- Cameras -------------------------------------------------------------------------------------
@@ -293,6 +304,16 @@ CASES = [
             bound_points=1e-5,
         )
         for a, ms in ((1e-1, ALL), (1e-3, ALL), (1e-5, POINTS), (1e-6, POINTS))
+    ),
+    *(
+        Case(
+            f"light trapped at index {n:g}, tubes and points",
+            "sixteen reflections by points alone, mean; relative",
+            1e-2,
+            lambda m, n=n: trapped_light(m, n),
+            ("TUBES",),
+        )
+        for n in (1.01, 1.5, 2.4, 4.0)
     ),
     *(
         Case(
