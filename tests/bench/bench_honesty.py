@@ -2,7 +2,7 @@
 """Whether renders under a target error state it honestly, and what the target saves. Prints; never
 asserts.
 
-    python3 tests/bench/bench_honesty.py [--size N] [--seeds N] [--quick]
+    python3 tests/bench/bench_honesty.py [--size N] [--seeds N] [--quick | --caustics [SCENE ...]]
 
 True errors are against references of the same scenes: tubes of refinement 2, the same many samples
 for every pixel, kept under build/bench. The second table is the same error by a fixed number of
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +30,16 @@ TARGETS = {
     "POINTS_COVARIANCE": (0.05, 0.03, 0.02),
     "POINTS_FIXED": (0.08, 0.05),
 }
+# Of the scenes with caustics, estimators AUTO.
+CAUSTIC_TARGETS = (0.12, 0.08, 0.05)
 REFERENCE_SAMPLES = 2048
 
 
-def reference(name: str, build: BuildScene, size: int) -> NDArray[np.float64]:
+def reference(name: str, build: BuildScene, size: int, **settings: Any) -> NDArray[np.float64]:
     file = ROOT / "build/bench" / f"honesty_{name.replace(', ', '_').replace(' ', '_')}_{size}.npy"
     if not file.is_file():
         file.parent.mkdir(parents=True, exist_ok=True)
-        np.save(file, honesty.reference(build, size, samples=REFERENCE_SAMPLES))
+        np.save(file, honesty.reference(build, size, **({"samples": REFERENCE_SAMPLES} | settings)))
     return np.asarray(np.load(file))
 
 
@@ -72,6 +75,38 @@ def honest(size: int, seeds: int, quick: bool) -> None:
     )
 
 
+def caustics(size: int, seeds: int, names: list[str]) -> None:
+    """Light through objects onto a floor: error over the pixels that the statement is about."""
+    scenes = {k: v for k, v in honesty.caustic_scenes().items() if not names or k in names}
+    budget = honesty.CAUSTICS | {"samples": 512, "light_samples": 2**24}
+    print("\n| scene | target | runs | stated | true | ratio: mean, min, max | of it caustics |")
+    print("|---|---|---|---|---|---|---|")
+    runs: list[honesty.Run] = []
+    for name, build in scenes.items():
+        truth = reference(name, build, size, **budget)
+        for target in CAUSTIC_TARGETS:
+            some = [
+                honesty.run(build, truth, name, ("TUBES", TUBES), target, seed, honesty.CAUSTICS)
+                for seed in range(1, seeds + 1)
+            ]
+            runs += some
+            ratios = [run.ratio for run in some]
+            print(
+                f"| {name} | {100 * target:g} % | {len(some)} | "
+                f"{100 * np.mean([run.stated for run in some]):.2f} % | "
+                f"{100 * np.mean([run.true for run in some]):.2f} % | "
+                f"{np.mean(ratios):.2f}, {min(ratios):.2f}, {max(ratios):.2f} | "
+                f"{100 * np.mean([run.report['accuracy']['caustics'] for run in some]):.2f} % |",
+                flush=True,
+            )
+    below, above = honesty.share_within(runs)
+    within = np.mean([run.true <= run.target for run in runs])
+    print(
+        f"\n{len(runs)} runs: true <= 1.5 stated in {100 * below:.1f} %, "
+        f"stated <= 1.5 true in {100 * above:.1f} %, within the target in {100 * within:.1f} %"
+    )
+
+
 def cpu(image: Image) -> float:
     return float(sum(stage["cpu_s"] for stage in image.report["stages"]))
 
@@ -104,10 +139,15 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=96)
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--quick", action="store_true", help="fewer targets")
+    parser.add_argument("--caustics", nargs="*", metavar="SCENE", help="scenes with them alone")
     arguments = parser.parse_args()
     if not LIBRARY.is_file():
         sys.exit(f"{LIBRARY} is not built")
+    if arguments.caustics is not None:
+        caustics(arguments.size, arguments.seeds, arguments.caustics)
+        return
     honest(arguments.size, arguments.seeds, arguments.quick)
+    caustics(arguments.size, arguments.seeds, [])
     saving(2 * arguments.size, 0.01)
 
 

@@ -17,15 +17,18 @@ from api import (
     TUBES,
     BuildScene,
     Medium,
+    _ffi,
     add_body,
     add_point,
     add_spot,
     add_sun,
     handles,
     render,
+    rgb,
+    set_orthographic,
     set_perspective,
 )
-from meshes import box, bumpy_sphere, icosphere
+from meshes import Mesh, box, bumpy_sphere, icosphere
 from numpy.typing import NDArray
 
 RESIN = Medium(1.5, (0.1, 0.2, 0.4), (0.02, 0.05, 0.1))
@@ -76,6 +79,66 @@ def thick_scenes() -> dict[str, BuildScene]:
     return {"slab, wax": lit(slab, WAX, point), "sphere, wax": lit(icosphere(4), WAX, point)}
 
 
+def over_floor(body: Any, medium: Medium, light: Light, is_seen: bool) -> BuildScene:
+    """The body above a grey floor. The camera sees both, or from between them the floor alone."""
+
+    def build(scene: handles.Scene) -> None:
+        lifted = Mesh(body.positions + np.array((0, 0, 1.6)), body.triangles, body.normals)
+        add_body(scene, lifted, medium)
+        points = np.array([(-4, -4, 0), (4, -4, 0), (4, 4, 0), (-4, 4, 0)], dtype=np.float64)
+        triangles = np.array([(0, 1, 2), (0, 2, 3)], np.uint32)
+        grey = scene.add_material("floor", surface=_ffi.AMB_SURFACE_DIFFUSE, albedo=rgb(0.5))
+        mesh = scene.add_mesh("floor", points, triangles, None, _ffi.AMB_NORMALS_NONE, None)
+        scene.add_object("floor", mesh, np.eye(4).tolist(), [grey])
+        light(scene)
+        if is_seen:
+            set_perspective(scene, (0, -7, 5), (0, 7, -4.5), (0, 0, 1), 0.5)
+        else:
+            set_orthographic(scene, (0, 0, 0.05), (0, 0, -1), (0, 1, 0), 3.0)
+
+    return build
+
+
+def bulb(scene: handles.Scene) -> None:
+    scene.add_light(
+        _ffi.AMB_LIGHT_POINT, "bulb", color=[60, 50, 40], position=[-1.0, 1.0, 4.0], radius=0.15
+    )
+
+
+def window(scene: handles.Scene) -> None:
+    scene.add_light(
+        _ffi.AMB_LIGHT_AREA,
+        "window",
+        color=[3.0, 3.0, 3.0],
+        position=[0, 1.0, 4.0],
+        direction=[0, -0.2, -1.0],
+        tangent=[1, 0, 0],
+        size=[0.5, 0.5],
+    )
+
+
+CAUSTICS: dict[str, Any] = {
+    "effects": _ffi.AMB_EFFECT_CAUSTICS
+    | _ffi.AMB_EFFECT_BACKGROUND
+    | _ffi.AMB_EFFECT_SURFACE_REFLECTION
+    | _ffi.AMB_EFFECT_SINGLE_SCATTERING,
+    "name": "Combined",
+    "light_bounces": 1,
+    "camera_bounces": 1,
+}
+"""Settings of the scenes below."""
+
+
+def caustic_scenes() -> dict[str, BuildScene]:
+    """Where light through an object lands beside it."""
+    bumpy, glass = bumpy_sphere(4), Medium(1.5, 0, 0)
+    return {
+        "floor, window": over_floor(bumpy, glass, window, False),
+        "ball on floor, bulb": over_floor(icosphere(4), glass, bulb, True),
+        "resin on floor, bulb": over_floor(bumpy, RESIN, bulb, True),
+    }
+
+
 @dataclass(frozen=True)
 class Run:
     """One render against a reference; errors relative."""
@@ -97,7 +160,8 @@ class Run:
         return (
             f"{self.scene:20} {self.estimator:17} {100 * self.target:4.1f} % "
             f"{100 * self.stated:5.2f} % {100 * a['noise']:5.2f} % {100 * a['field']:5.2f} % "
-            f"{100 * self.true:5.2f} % {self.ratio:5.2f} {a['samples_mean']:7.1f}"
+            f"{100 * a['caustics']:5.2f} % {100 * self.true:5.2f} % {self.ratio:5.2f} "
+            f"{a['samples_mean']:7.1f}"
         )
 
 

@@ -78,6 +78,35 @@ def test_stated_error_sees_photons() -> None:
     assert np.mean([run.true for run in runs]) > 1.2 * np.mean(bare), table
 
 
+def test_stated_error_sees_caustics() -> None:
+    """All pixels share the photons on surfaces, too: what their number and their kernels leave is
+    in the stated error, over the pixels with caustics where that is more than over those with
+    objects."""
+    scenes = honesty.caustic_scenes()
+    runs = []
+    for name in ("floor, window", "ball on floor, bulb"):
+        truth = honesty.reference(
+            scenes[name], 32, samples=128, light_samples=2**22, **honesty.CAUSTICS
+        )
+        for target in (0.12, 0.08):
+            for seed in SEEDS:
+                settings = honesty.CAUSTICS | {"light_samples": 2**16}
+                run = honesty.run(
+                    scenes[name], truth, name, ("TUBES", TUBES), target, seed, settings
+                )
+                runs.append(run)
+    table = "\n".join(map(str, runs))
+    for run in runs:
+        assert run.report["accuracy"]["reached"] and run.stated <= run.target, table
+        shares = {e["name"]: e["measured"] for e in run.report["effects"]}
+        assert shares["caustics on opaque surfaces"] > 1, table
+    assert min(honesty.share_within(runs)) == 1, table
+    assert np.mean([run.true <= run.target for run in runs]) >= 0.85, table
+    floor = [run for run in runs if run.report["accuracy"]["pixels"] == "all"]
+    bare = [run.report["accuracy"]["noise"] for run in floor]
+    assert len(floor) == 4 and np.mean([run.true for run in floor]) > 1.15 * np.mean(bare), table
+
+
 def test_choice_of_pixels_has_no_bias() -> None:
     """Many samples where they are needed and few elsewhere show the same picture as as many
     everywhere."""

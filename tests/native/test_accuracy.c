@@ -70,9 +70,10 @@ static void only_objects_count(void) {
                                  .object_count = x == 1 ? 1 : 0};
         film_add(&film, x, 1, &pixel);
     }
-    const FilmSum empty = film_sum_row(&film, 0, false);
+    const FilmSum empty = film_sum_row(&film, 0, FILM_ALL);
     ENSURE(empty.count == 0);
-    const FilmSum all = film_sum_row(&film, 1, false), objects = film_sum_row(&film, 1, true);
+    const FilmSum all = film_sum_row(&film, 1, FILM_ALL),
+                  objects = film_sum_row(&film, 1, FILM_OBJECTS);
     ENSURE(all.count == 3 && objects.count == 1);
     ENSURE_NEAR(all.radiance, 0.0 + 1.0 + 2.0, 1e-6);
     ENSURE_NEAR(objects.radiance, 1.0, 1e-6);

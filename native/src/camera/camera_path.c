@@ -155,8 +155,11 @@ static void follow(Walker *walker, Branch branch) {
     /* An observer's light has no orders to put what glows on the surface into. */
     walker->way = branch.way;
     const Rgb glow = walker->observer != NULL ? rgb(0, 0, 0) : branch.throughput;
-    see_surface(walker, &branch,
-                shade_diffuse(walker, &arrival.crossing.surface, branch.d, &branch.stack, glow));
+    Rgb caustics;
+    const Rgb radiance =
+        shade_diffuse(walker, &arrival.crossing.surface, branch.d, &branch.stack, glow, &caustics);
+    see_surface(walker, &branch, radiance);
+    out->parts[CAMERA_PART_CAUSTICS] += rgb_mean(rgb_mul(branch.throughput, caustics));
 }
 
 /* Neighbouring pixels begin with different parts: then what one sample lacks is noise. */

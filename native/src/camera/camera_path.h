@@ -14,6 +14,7 @@ enum {
     CAMERA_PART_BACKGROUND,
     CAMERA_PART_BOUNCES,
     CAMERA_PART_WORLD_LIGHT, /* scattered light of the surroundings, as walks find it */
+    CAMERA_PART_CAUSTICS,    /* on opaque surfaces, seen directly or by way of objects */
     CAMERA_PART_COUNT
 };
 

@@ -320,9 +320,12 @@ static bool step(Walk *walk) {
         if (!target.is_hit && material == NULL)
             add_surroundings(walk, world_radiance_but_lamps(&walker->scene->world, walk->d));
         if (target.is_hit && !target.is_boundary) {
-            const Rgb seen =
-                shade_diffuse(walk->walker, &target.surface, walk->d, &walk->stack, rgb(0, 0, 0));
+            Rgb caustics;
+            const Rgb seen = shade_diffuse(walk->walker, &target.surface, walk->d, &walk->stack,
+                                           rgb(0, 0, 0), &caustics);
             add_surroundings(walk, rgb_mul(transmittance, seen));
+            walker->out->parts[CAMERA_PART_CAUSTICS] +=
+                rgb_mean(rgb_mul(walk->throughput, rgb_mul(transmittance, caustics)));
         }
     }
     const float sum = choice.scatter + choice.reflect + choice.pass;

@@ -20,7 +20,7 @@ static Rgb straight_share(const Walker *walker, const MediumStack *stack, Vec3 p
     return shadow_transmittance(scene, stack, p, light->wi, light->distance);
 }
 
-/* Irradiance of the lamps: along shadow rays, and what boundaries bend. */
+/* Irradiance of the lamps along shadow rays. */
 static Rgb lamp_irradiance(Walker *walker, const SurfacePoint *surface, const MediumStack *stack,
                            Vec3 ng, Vec3 ns) {
     const AmbScene *scene = walker->scene;
@@ -36,10 +36,6 @@ static Rgb lamp_irradiance(Walker *walker, const SurfacePoint *surface, const Me
         const Rgb share = straight_share(walker, stack, p, &light);
         irradiance = rgb_madd(irradiance, rgb_scale(light.irradiance, cosine), share);
     }
-    const CausticMap *caustics = walker->params->caustics;
-    if (caustics != NULL)
-        irradiance =
-            rgb_add(irradiance, caustics_irradiance(caustics, surface->p, ng, walker->part));
     return irradiance;
 }
 
@@ -161,12 +157,17 @@ static Rgb light_of_world(Walker *walker, const SurfacePoint *surface, const Med
 }
 
 Rgb shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d, const MediumStack *stack,
-                  Rgb glow) {
+                  Rgb glow, Rgb *out_caustics) {
     const float side = vec3_dot(d, surface->ng) < 0.0f ? 1.0f : -1.0f;
     const Vec3 ng = vec3_scale(surface->ng, side);
     const Vec3 ns = vec3_scale(surface->ns, side);
     const Rgb albedo = surface->material->albedo;
-    const Rgb lamps = rgb_scale(lamp_irradiance(walker, surface, stack, ng, ns), 1.0f / AMB_PI);
+    const CausticMap *map = walker->params->caustics;
+    const Rgb straight = lamp_irradiance(walker, surface, stack, ng, ns);
+    const Rgb bent =
+        map != NULL ? caustics_irradiance(map, surface->p, ng, walker->part) : rgb(0, 0, 0);
+    const Rgb lamps = rgb_scale(rgb_add(straight, bent), 1.0f / AMB_PI);
     const Rgb world = light_of_world(walker, surface, stack, ng, ns, rgb_mul(glow, albedo));
+    *out_caustics = rgb_mul(albedo, rgb_scale(bent, 1.0f / AMB_PI));
     return rgb_madd(surface->material->emission, albedo, rgb_add(lamps, world));
 }

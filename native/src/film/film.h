@@ -10,7 +10,9 @@
 #include "base/status.h"
 #include "math/vec3.h"
 
-enum { FILM_LOCK_COUNT = 64, FILM_ORDER_COUNT = 3, FILM_PART_COUNT = 4 };
+enum { FILM_LOCK_COUNT = 64, FILM_ORDER_COUNT = 3 };
+/* Of the parts by effect the one that film_error.h knows. */
+enum { FILM_PART_CAUSTICS = 4, FILM_PART_COUNT = 5 };
 
 /* What samples add to one pixel. Sums over samples, but for depth: of the first sample. */
 typedef struct FilmPixel {

@@ -14,11 +14,16 @@ float film_pixel_variance(const FilmPixel *pixel) {
     return share * rgb_mean(rgb_mul(difference, difference));
 }
 
-FilmSum film_sum_row(const Film *film, uint32_t y, bool is_objects_only) {
+bool film_pixel_is_in(const FilmPixel *pixel, FilmSet set) {
+    return set == FILM_ALL || pixel->object_count > 0 ||
+           (set == FILM_LIT && pixel->parts[FILM_PART_CAUSTICS] > 0.0f);
+}
+
+FilmSum film_sum_row(const Film *film, uint32_t y, FilmSet set) {
     FilmSum sum = {.count = 0};
     for (uint32_t x = 0; x < film->width; ++x) {
         const FilmPixel *pixel = &film->pixels[(uint64_t)y * film->width + x];
-        if (pixel->count == 0 || (is_objects_only && pixel->object_count == 0))
+        if (pixel->count == 0 || !film_pixel_is_in(pixel, set))
             continue;
         sum.variance += (double)film_pixel_variance(pixel);
         sum.radiance += (double)(rgb_mean(film_pixel_sum(pixel)) / (float)pixel->count);
@@ -27,27 +32,42 @@ FilmSum film_sum_row(const Film *film, uint32_t y, bool is_objects_only) {
     return sum;
 }
 
-FilmShares film_shares(const Film *film) {
-    FilmShares shares = {.is_known = false};
-    double radiance = 0.0;
-    uint64_t count = 0;
+/* Sums over the pixels of a set. */
+typedef struct ShareSum {
+    double orders[FILM_ORDER_COUNT], parts[FILM_PART_COUNT]; /* squares */
+    double radiance;
+    uint64_t count;
+} ShareSum;
+
+static ShareSum sum_shares(const Film *film, FilmSet set) {
+    ShareSum sum = {.count = 0};
     for (uint64_t i = 0; i < (uint64_t)film->width * film->height; ++i) {
         const FilmPixel *pixel = &film->pixels[i];
-        if (pixel->object_count == 0)
+        if (pixel->count == 0 || !film_pixel_is_in(pixel, set))
             continue;
         const double n = (double)pixel->count;
         for (int k = 0; k < FILM_ORDER_COUNT; ++k)
-            shares.orders[k] +=
+            sum.orders[k] +=
                 (double)rgb_mean(rgb_mul(pixel->orders[k], pixel->orders[k])) / (n * n);
         for (int k = 0; k < FILM_PART_COUNT; ++k)
-            shares.parts[k] += (double)pixel->parts[k] * (double)pixel->parts[k] / (n * n);
-        radiance += (double)rgb_mean(film_pixel_sum(pixel)) / n;
-        ++count;
+            sum.parts[k] += (double)pixel->parts[k] * (double)pixel->parts[k] / (n * n);
+        sum.radiance += (double)rgb_mean(film_pixel_sum(pixel)) / n;
+        ++sum.count;
     }
-    shares.is_known = radiance > 0.0;
-    for (int k = 0; k < FILM_ORDER_COUNT && shares.is_known; ++k)
-        shares.orders[k] = sqrt(shares.orders[k] * (double)count) / radiance;
-    for (int k = 0; k < FILM_PART_COUNT && shares.is_known; ++k)
-        shares.parts[k] = sqrt(shares.parts[k] * (double)count) / radiance;
+    return sum;
+}
+
+static double share(const ShareSum *sum, double squares) {
+    return sum->radiance > 0.0 ? sqrt(squares * (double)sum->count) / sum->radiance : 0.0;
+}
+
+FilmShares film_shares(const Film *film) {
+    const ShareSum objects = sum_shares(film, FILM_OBJECTS), lit = sum_shares(film, FILM_LIT);
+    FilmShares shares = {.is_known = objects.radiance > 0.0, .has_caustics = lit.radiance > 0.0};
+    for (int k = 0; k < FILM_ORDER_COUNT; ++k)
+        shares.orders[k] = share(&objects, objects.orders[k]);
+    for (int k = 0; k < FILM_PART_COUNT; ++k)
+        shares.parts[k] = share(&objects, objects.parts[k]);
+    shares.parts[FILM_PART_CAUSTICS] = share(&lit, lit.parts[FILM_PART_CAUSTICS]);
     return shares;
 }

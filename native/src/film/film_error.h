@@ -16,14 +16,22 @@ typedef struct FilmSum {
     uint64_t count;  /* pixels */
 } FilmSum;
 
-/* Over the pixels of row y, or over those of them that show a translucent object. No samples may
- * arrive meanwhile. */
-FilmSum film_sum_row(const Film *film, uint32_t y, bool is_objects_only);
+/* Pixels that an error is stated for. */
+typedef enum FilmSet {
+    FILM_OBJECTS, /* those that show a translucent object */
+    FILM_LIT,     /* and those that show the caustics of one */
+    FILM_ALL,
+} FilmSet;
 
-/* Shares of what the pixels are made of that show a translucent object: root of the mean square,
- * relative to their mean radiance. What noise there is adds to them. */
+bool film_pixel_is_in(const FilmPixel *pixel, FilmSet set);
+
+/* Over the pixels of row y that are in the set. No samples may arrive meanwhile. */
+FilmSum film_sum_row(const Film *film, uint32_t y, FilmSet set);
+
+/* Shares of what the pixels of FILM_OBJECTS are made of: root of the mean square, relative to their
+ * mean radiance. That of caustics is the same over FILM_LIT. What noise there is adds to them. */
 typedef struct FilmShares {
-    bool is_known; /* there are such pixels, and they are not black */
+    bool is_known, has_caustics; /* there are such pixels, and they are not black */
     double orders[FILM_ORDER_COUNT], parts[FILM_PART_COUNT];
 } FilmShares;
 

@@ -2,6 +2,8 @@
  * A target error instead of budgets. */
 #include "render/accuracy.h"
 
+#include <string.h>
+
 #include "base/memory.h"
 #include "film/film_error.h"
 #include "render/render.h"
@@ -33,9 +35,32 @@ static const double NOISE_OF_FIELD = 0.5;
  * docs/accuracy.md). */
 static const double FIXED_NOISE = 0.8;
 
+/* What the field and photons of later orders cost. */
+static double light_square(const Accuracy *accuracy, const AccuracySet *set) {
+    const double square = accuracy->field * accuracy->field + accuracy->scatter * accuracy->scatter;
+    return set->objects * set->objects * square + set->caustics * set->caustics;
+}
+
+static double omitted_square(const Accuracy *accuracy, const AccuracySet *set) {
+    const double omitted = set->objects * accuracy->omitted;
+    return omitted * omitted;
+}
+
+double accuracy_stated_of(const Accuracy *accuracy, const AccuracySet *set) {
+    return sqrt(set->noise * set->noise + light_square(accuracy, set) +
+                omitted_square(accuracy, set));
+}
+
+const AccuracySet *accuracy_worst_set(const Accuracy *accuracy) {
+    const AccuracySet *worst = &accuracy->sets[0];
+    for (uint32_t s = 1; s < accuracy->set_count; ++s)
+        if (accuracy_stated_of(accuracy, &accuracy->sets[s]) > accuracy_stated_of(accuracy, worst))
+            worst = &accuracy->sets[s];
+    return worst;
+}
+
 double accuracy_stated(const Accuracy *accuracy) {
-    return sqrt(accuracy->noise * accuracy->noise + accuracy->field * accuracy->field +
-                accuracy->scatter * accuracy->scatter + accuracy->omitted * accuracy->omitted);
+    return accuracy_stated_of(accuracy, accuracy_worst_set(accuracy));
 }
 
 /* ---- Field ----------------------------------------------------------------------------------- */
@@ -219,22 +244,32 @@ typedef struct BlockErrors {
     const Probe *probe;
     double scale;   /* squared error in units of the probe's squared differences */
     float *squares; /* by block of the probe: smoothed squared differences, or NULL */
+    uint32_t set;   /* of the accuracy's sets: whose pixels have this error */
 } BlockErrors;
+
+enum {
+    BLOCKS_OF_FIELD, /* by part */
+    BLOCKS_OF_PHOTONS = BLOCKS_OF_FIELD + FIELD_PART_COUNT,
+    BLOCKS_OF_CAUSTICS,
+    BLOCK_ERROR_COUNT
+};
 
 /* Numbers of each pixel and each row between two rounds. */
 typedef struct Survey {
     AmbRender *render;
-    bool has_objects; /* pixels that count are those with objects */
-    float *costs;     /* by pixel: c of c n^-3/2 */
-    uint32_t *quotas; /* by pixel: samples of the next round */
-    FilmSum *rows;    /* what counts, by row */
-    double *sums;     /* by row */
-    uint64_t *counts; /* by row */
-    double scale;     /* samples wanted of a pixel = scale * (smoothed c)^(1 / (1 + 3/2)) */
-    float *weights;   /* by pixel: (smoothed c)^(1 / (1 + 3/2)) */
-    float *shares;    /* by pixel: variance handed to each of the neighbours */
-    BlockErrors blocks[FIELD_PART_COUNT + 1]; /* of the field's parts and of photons */
-    const BlockErrors *measured;              /* of sum_blocks */
+    uint32_t set;                     /* of the accuracy's sets: the one that is summed up */
+    FilmSet pixels;                   /* its pixels */
+    float *costs;                     /* by pixel: c of c n^-3/2 */
+    uint32_t *quotas;                 /* by pixel: samples of the next round */
+    FilmSum *rows;                    /* what counts, by row, */
+    FilmSum totals[ACCURACY_SET_MAX]; /* and of all rows */
+    double *sums;                     /* by row */
+    uint64_t *counts;                 /* by row */
+    double scale;   /* samples wanted of a pixel = scale * (smoothed c)^(1 / (1 + 3/2)) */
+    float *weights; /* by pixel: (smoothed c)^(1 / (1 + 3/2)) */
+    float *shares;  /* by pixel: variance handed to each of the neighbours */
+    BlockErrors blocks[BLOCK_ERROR_COUNT];
+    const BlockErrors *measured; /* of sum_blocks */
 } Survey;
 
 static void survey_clear(Survey *survey) {
@@ -245,7 +280,7 @@ static void survey_clear(Survey *survey) {
     memory_free(survey->counts);
     memory_free(survey->weights);
     memory_free(survey->shares);
-    for (int i = 0; i <= FIELD_PART_COUNT; ++i)
+    for (int i = 0; i < BLOCK_ERROR_COUNT; ++i)
         memory_free(survey->blocks[i].squares);
 }
 
@@ -272,46 +307,62 @@ static AmbStatus sum_rows(void *user, uint64_t begin, uint64_t end, uint32_t thr
     (void)thread;
     Survey *survey = user;
     for (uint64_t y = begin; y < end; ++y)
-        survey->rows[y] = film_sum_row(&survey->render->film, (uint32_t)y, survey->has_objects);
+        survey->rows[y] = film_sum_row(&survey->render->film, (uint32_t)y, survey->pixels);
     return AMB_OK;
 }
 
 /* Sum over the film, row after row. */
-static AmbStatus sum_film(Survey *survey, FilmSum *out_sum) {
+static AmbStatus sum_film(Survey *survey, FilmSet pixels, FilmSum *out_sum) {
     AmbRender *render = survey->render;
-    for (int objects = 1; objects >= 0; --objects) {
-        survey->has_objects = objects == 1;
-        AMB_TRY(parallel_for(&render->job, render->film.height, 16, sum_rows, survey));
-        *out_sum = (FilmSum){.count = 0};
-        for (uint32_t y = 0; y < render->film.height; ++y) {
-            out_sum->variance += survey->rows[y].variance;
-            out_sum->radiance += survey->rows[y].radiance;
-            out_sum->count += survey->rows[y].count;
-        }
-        if (out_sum->count > 0)
-            break;
+    survey->pixels = pixels;
+    AMB_TRY(parallel_for(&render->job, render->film.height, 16, sum_rows, survey));
+    *out_sum = (FilmSum){.count = 0};
+    for (uint32_t y = 0; y < render->film.height; ++y) {
+        out_sum->variance += survey->rows[y].variance;
+        out_sum->radiance += survey->rows[y].radiance;
+        out_sum->count += survey->rows[y].count;
     }
     return AMB_OK;
 }
 
 /* The noise as it is now. */
 static AmbStatus measure_noise(Survey *survey) {
-    Accuracy *accuracy = &survey->render->accuracy;
-    FilmSum sum;
-    AMB_TRY(sum_film(survey, &sum));
-    const double count = (double)sum.count;
-    const double radiance = sum.radiance / count;
-    const double noise = radiance > 0.0 ? sqrt(sum.variance / count) / radiance : 0.0;
-    pthread_mutex_lock(&survey->render->lock);
+    AmbRender *render = survey->render;
+    Accuracy *accuracy = &render->accuracy;
+    AccuracySet sets[ACCURACY_SET_MAX];
+    memcpy(sets, accuracy->sets, sizeof sets);
+    FilmSum *totals = survey->totals;
+    sets[0].pixels = FILM_OBJECTS;
+    AMB_TRY(sum_film(survey, FILM_OBJECTS, &totals[0]));
+    if (totals[0].count == 0) {
+        sets[0].pixels = FILM_ALL;
+        AMB_TRY(sum_film(survey, FILM_ALL, &totals[0]));
+    }
+    uint32_t set_count = 1;
+    if (sets[0].pixels == FILM_OBJECTS && accuracy->caustic_probe.level_count > 0) {
+        sets[set_count].pixels = FILM_LIT;
+        AMB_TRY(sum_film(survey, FILM_LIT, &totals[set_count++]));
+    }
+    for (uint32_t s = 0; s < set_count; ++s) {
+        const double count = (double)totals[s].count;
+        sets[s].radiance = totals[s].radiance / count;
+        const bool is_lit = totals[s].radiance > 0.0;
+        sets[s].noise = is_lit ? sqrt(totals[s].variance / count) / sets[s].radiance : 0.0;
+        sets[s].objects =
+            is_lit ? sqrt((double)totals[0].count / count) * sets[0].radiance / sets[s].radiance
+                   : 0.0;
+    }
+    pthread_mutex_lock(&render->lock);
     accuracy->has_noise = true;
-    accuracy->radiance = radiance;
-    accuracy->noise = noise;
-    pthread_mutex_unlock(&survey->render->lock);
+    accuracy->set_count = set_count;
+    memcpy(accuracy->sets, sets, sizeof sets);
+    pthread_mutex_unlock(&render->lock);
     return AMB_OK;
 }
 
-static bool counts(const Survey *survey, const FilmPixel *pixel) {
-    return !survey->has_objects || pixel->object_count > 0;
+static bool is_in(const Survey *survey, uint32_t set, uint64_t pixel) {
+    const AmbRender *render = survey->render;
+    return film_pixel_is_in(&render->film.pixels[pixel], render->accuracy.sets[set].pixels);
 }
 
 static AmbStatus find_costs(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
@@ -361,7 +412,7 @@ static AmbStatus sum_weights(void *user, uint64_t begin, uint64_t end, uint32_t 
             const uint64_t i = y * film->width + x;
             const double w = weight(survey, x, (uint32_t)y);
             survey->weights[i] = (float)w;
-            if (counts(survey, &film->pixels[i]))
+            if (is_in(survey, survey->set, i))
                 sum += w;
         }
         survey->sums[y] = sum;
@@ -396,21 +447,26 @@ static AmbStatus share_out(void *user, uint64_t begin, uint64_t end, uint32_t th
     return AMB_OK;
 }
 
-/* Plans the next round, which leads towards that noise. */
-static AmbStatus plan_round(Survey *survey, double noise, uint64_t *out_given,
+/* Plans the next round, which leads towards that noise of each set. */
+static AmbStatus plan_round(Survey *survey, const double noise[], uint64_t *out_given,
                             double *out_missing) {
     AmbRender *render = survey->render;
+    const Accuracy *accuracy = &render->accuracy;
     const uint32_t rows = render->film.height;
     AMB_TRY(parallel_for(&render->job, rows, 16, find_costs, survey));
-    AMB_TRY(parallel_for(&render->job, rows, 16, sum_weights, survey));
-    double weights = 0.0;
-    uint64_t count = 0;
-    for (uint32_t y = 0; y < rows; ++y) {
-        weights += survey->sums[y];
-        count += survey->rows[y].count;
+    survey->scale = 0.0;
+    for (uint32_t s = 0; s < accuracy->set_count; ++s) {
+        survey->set = s;
+        AMB_TRY(parallel_for(&render->job, rows, 16, sum_weights, survey));
+        double weights = 0.0;
+        for (uint32_t y = 0; y < rows; ++y)
+            weights += survey->sums[y];
+        const double error = noise[s] * accuracy->sets[s].radiance;
+        const double count = (double)survey->totals[s].count;
+        if (weights > 0.0)
+            survey->scale =
+                fmax(survey->scale, pow(weights / (count * error * error), 1.0 / NOISE_ORDER));
     }
-    const double error = noise * render->accuracy.radiance;
-    survey->scale = pow(weights / ((double)count * error * error), 1.0 / NOISE_ORDER);
     AMB_TRY(parallel_for(&render->job, rows, 16, share_out, survey));
     *out_given = 0;
     *out_missing = 0.0;
@@ -434,10 +490,10 @@ static AmbStatus find_shares(void *user, uint64_t begin, uint64_t end, uint32_t 
             const FilmPixel *pixel = &film->pixels[y * film->width + x];
             uint32_t range[4], alike = 0;
             neighbourhood(film, x, (uint32_t)y, 1, range);
+            const bool is_object = is_in(survey, 0, y * film->width + x);
             for (uint64_t v = range[2]; v <= range[3]; ++v)
                 for (uint32_t u = range[0]; u <= range[1]; ++u)
-                    alike +=
-                        counts(survey, &film->pixels[v * film->width + u]) == counts(survey, pixel);
+                    alike += is_in(survey, 0, v * film->width + u) == is_object;
             survey->shares[y * film->width + x] = film_pixel_variance(pixel) / (float)alike;
         }
     return AMB_OK;
@@ -458,7 +514,7 @@ static AmbStatus sum_blocks(void *user, uint64_t begin, uint64_t end, uint32_t t
     for (uint64_t y = begin; y < end; ++y) {
         double sum = 0.0;
         for (uint32_t x = 0; x < film->width; ++x)
-            if (counts(survey, &film->pixels[y * film->width + x]))
+            if (is_in(survey, survey->measured->set, y * film->width + x))
                 sum += block_square(survey->measured, x, (uint32_t)y);
         survey->sums[y] = sum;
     }
@@ -473,15 +529,16 @@ static AmbStatus write_errors(void *user, uint64_t begin, uint64_t end, uint32_t
         /* In place of the costs, which the next round finds again. */
         float *row = survey->costs + y * film->width;
         for (uint32_t x = 0; x < film->width; ++x) {
-            const bool is_counted = counts(survey, &film->pixels[y * film->width + x]);
+            const bool is_object = is_in(survey, 0, y * film->width + x);
             uint32_t range[4];
             neighbourhood(film, x, (uint32_t)y, 1, range);
             double square = 0.0;
-            for (int i = 0; i <= FIELD_PART_COUNT && is_counted; ++i)
-                square += block_square(&survey->blocks[i], x, (uint32_t)y);
+            for (int i = 0; i < BLOCK_ERROR_COUNT; ++i)
+                if (is_in(survey, survey->blocks[i].set, y * film->width + x))
+                    square += block_square(&survey->blocks[i], x, (uint32_t)y);
             for (uint64_t v = range[2]; v <= range[3]; ++v)
                 for (uint32_t u = range[0]; u <= range[1]; ++u)
-                    if (counts(survey, &film->pixels[v * film->width + u]) == is_counted)
+                    if (is_in(survey, 0, v * film->width + u) == is_object)
                         square += (double)survey->shares[v * film->width + u];
             row[x] = (float)sqrt(square);
         }
@@ -508,25 +565,34 @@ static AmbStatus find_blocks(BlockErrors *errors, uint32_t level, uint32_t compa
     return AMB_OK;
 }
 
-/* Scales blocks so that over the pixels that count the mean square is that of an error, relative to
- * the mean radiance. */
+/* Scales blocks so that over the pixels of their set the mean square is that of an error, relative
+ * to the mean radiance. */
 static AmbStatus scale_blocks(Survey *survey, BlockErrors *errors, double error) {
     AmbRender *render = survey->render;
     errors->scale = 1.0;
     survey->measured = errors;
     AMB_TRY(parallel_for(&render->job, render->film.height, 16, sum_blocks, survey));
     double sum = 0.0;
-    uint64_t count = 0;
-    for (uint32_t y = 0; y < render->film.height; ++y) {
+    for (uint32_t y = 0; y < render->film.height; ++y)
         sum += survey->sums[y];
-        count += survey->rows[y].count;
-    }
-    error *= render->accuracy.radiance;
-    errors->scale = sum > 0.0 ? error * error * (double)count / sum : 0.0;
+    error *= render->accuracy.sets[errors->set].radiance;
+    const double count = (double)survey->totals[errors->set].count;
+    errors->scale = sum > 0.0 ? error * error * count / sum : 0.0;
     return AMB_OK;
 }
 
-/* The Error pass: over the pixels that count, the mean of its square is (stated * radiance)^2. */
+/* What the last two levels of photons differ by. */
+static AmbStatus use_newest(Survey *survey, BlockErrors *errors, const Probe *probe, uint32_t set,
+                            double error) {
+    errors->probe = probe;
+    errors->set = set;
+    const uint32_t top = probe->level_count - 1;
+    if (errors->squares == NULL)
+        AMB_TRY(find_blocks(errors, top, top - 1));
+    return scale_blocks(survey, errors, error);
+}
+
+/* The Error pass: over the pixels of a set, the mean of its square is (stated * radiance)^2. */
 static AmbStatus write_error_pass(Survey *survey, double noise_factor) {
     AmbRender *render = survey->render;
     const Accuracy *accuracy = &render->accuracy;
@@ -535,10 +601,9 @@ static AmbStatus write_error_pass(Survey *survey, double noise_factor) {
     if (noise_factor != 1.0)
         for (uint64_t i = 0; i < (uint64_t)rows * render->film.width; ++i)
             survey->shares[i] *= (float)(noise_factor * noise_factor);
-    BlockErrors *scatter = &survey->blocks[FIELD_PART_COUNT];
     for (int i = 0; i < FIELD_PART_COUNT; ++i) {
         const FieldMeasure *part = &accuracy->parts[i];
-        BlockErrors *field = &survey->blocks[i];
+        BlockErrors *field = &survey->blocks[BLOCKS_OF_FIELD + i];
         if (!accuracy->has_field || !(part->error > 0.0))
             continue;
         field->probe = &part->probe;
@@ -546,13 +611,13 @@ static AmbStatus write_error_pass(Survey *survey, double noise_factor) {
             AMB_TRY(find_blocks(field, part->level, part->companion));
         AMB_TRY(scale_blocks(survey, field, part->error));
     }
-    if (accuracy->has_scatter && accuracy->scatter > 0.0) {
-        scatter->probe = &accuracy->scatter_probe;
-        const uint32_t top = scatter->probe->level_count - 1;
-        if (scatter->squares == NULL)
-            AMB_TRY(find_blocks(scatter, top, top - 1));
-        AMB_TRY(scale_blocks(survey, scatter, accuracy->scatter));
-    }
+    if (accuracy->has_scatter && accuracy->scatter > 0.0)
+        AMB_TRY(use_newest(survey, &survey->blocks[BLOCKS_OF_PHOTONS], &accuracy->scatter_probe, 0,
+                           accuracy->scatter));
+    const uint32_t last = accuracy->set_count - 1;
+    if (accuracy->has_caustics && accuracy->sets[last].caustics > 0.0)
+        AMB_TRY(use_newest(survey, &survey->blocks[BLOCKS_OF_CAUSTICS], &accuracy->caustic_probe,
+                           last, accuracy->sets[last].caustics));
     return parallel_for(&render->job, rows, 16, write_errors, survey);
 }
 
@@ -579,12 +644,22 @@ static void count_samples(AmbRender *render) {
 }
 
 /* Noise to aim at: what the field and photons leave. */
-static double noise_target(const Accuracy *accuracy) {
-    const double light = accuracy->field * accuracy->field + accuracy->scatter * accuracy->scatter;
+static double noise_target(const Accuracy *accuracy, const AccuracySet *set) {
+    const double light = light_square(accuracy, set);
     const double aim = accuracy_aim(accuracy);
-    const double room = aim * aim - light - accuracy->omitted * accuracy->omitted;
+    const double room = aim * aim - light - omitted_square(accuracy, set);
     const double least = NOISE_OF_FIELD * sqrt(light);
     return sqrt(fmax(room, least * least));
+}
+
+/* The noise to aim at of each set; whether all have it. */
+static bool is_calm(const Accuracy *accuracy, double out_targets[ACCURACY_SET_MAX]) {
+    bool is_calm = true;
+    for (uint32_t s = 0; s < accuracy->set_count; ++s) {
+        out_targets[s] = noise_target(accuracy, &accuracy->sets[s]);
+        is_calm = is_calm && accuracy->sets[s].noise <= out_targets[s];
+    }
+    return is_calm;
 }
 
 static AmbStatus run_rounds(AmbRender *render, const Field *field, Survey *survey) {
@@ -594,7 +669,6 @@ static AmbStatus run_rounds(AmbRender *render, const Field *field, Survey *surve
         survey->quotas[i] = SAMPLES_FIRST;
     uint64_t given = SAMPLES_FIRST * pixels;
     double done = 0.0, missing = (double)given;
-    const double target = noise_target(accuracy);
     for (;;) {
         render_expect(render, done + missing);
         AMB_TRY(render_round(render, field, survey->quotas));
@@ -602,13 +676,14 @@ static AmbStatus run_rounds(AmbRender *render, const Field *field, Survey *surve
         count_samples(render);
         AMB_TRY(measure_noise(survey));
         AMB_TRY(write_error_pass(survey, 1.0));
-        if (accuracy->noise <= target)
+        double aims[ACCURACY_SET_MAX] = {0.0};
+        if (is_calm(accuracy, aims))
             break;
         /* The plan may find enough where the measure does not: then it aims lower. */
-        double aim = target;
         do {
-            aim *= NOISE_MARGIN;
-            AMB_TRY(plan_round(survey, aim, &given, &missing));
+            for (uint32_t s = 0; s < accuracy->set_count; ++s)
+                aims[s] *= NOISE_MARGIN;
+            AMB_TRY(plan_round(survey, aims, &given, &missing));
         } while (given == 0);
         if (done + (double)given > (double)SAMPLES_MEAN_MAX * (double)pixels) {
             accuracy->limit = "noise: 4096 samples per pixel are the most";
@@ -625,9 +700,12 @@ AmbStatus accuracy_run_camera(AmbRender *render, const Field *field) {
     const AmbStatus status = run_rounds(render, field, &survey);
     survey_clear(&survey);
     accuracy->is_reached = status == AMB_OK && accuracy->has_field && accuracy->has_scatter &&
+                           accuracy->has_caustics &&
                            accuracy_stated(accuracy) <= (double)accuracy->target;
     if (!accuracy->has_field && accuracy->limit[0] == '\0')
         accuracy->limit = "light field: two levels of it exceed 2 GiB, its error is unknown";
+    else if (!accuracy->has_caustics && accuracy->limit[0] == '\0')
+        accuracy->limit = "caustics: a second map goes beyond memory_limit";
     else if (!accuracy->has_scatter && accuracy->limit[0] == '\0')
         accuracy->limit = "later orders: the error of a tree cut is unknown";
     else if (accuracy->limit[0] == '\0' && !accuracy->is_reached)
@@ -648,7 +726,7 @@ AmbStatus accuracy_measure_fixed(AmbRender *render) {
     AmbStatus status = measure_noise(&survey);
     if (status == AMB_OK)
         status = write_error_pass(&survey, FIXED_NOISE);
-    accuracy->noise *= FIXED_NOISE;
+    accuracy->sets[0].noise *= FIXED_NOISE;
     survey_clear(&survey);
     return status;
 }

@@ -2,18 +2,21 @@
  * A target error instead of budgets: picks the light field, and spends camera samples where the
  * picture needs them until it is reached.
  *
- *   stated^2 = noise^2 + field^2 + scatter^2 + omitted^2, in units of the mean radiance,
+ *   stated^2 = noise^2 + field^2 + scatter^2 + caustics^2 + omitted^2, in units of the mean
+ * radiance,
  *
- * over all channels of the pixels that show a translucent object (all pixels, if none does).
- * noise is what the two halves of the samples of the pixels differ by; field is what the light's
+ * over all channels of the pixels that show a translucent object (all pixels, if none does); with
+ * caustics also over those and the pixels that show caustics, and the larger one is stated. noise
+ * is what the two halves of the samples of the pixels differ by; field is what the light's
  * discretisation costs, by the differences of fields of several levels along the same camera
- * rays (field_error.h), and scatter the same of photons in cells (accuracy_scatter.h); omitted are
- * the shares of effects that the plan left out. Decisions depend on results alone, never on a clock
- * or on threads. */
+ * rays (field_error.h), scatter the same of photons in cells (accuracy_scatter.h) and caustics of
+ * photons on surfaces (accuracy_caustics.h); omitted are the shares of effects that the plan left
+ * out. Decisions depend on results alone, never on a clock or on threads. */
 #ifndef AMB_RENDER_ACCURACY_H
 #define AMB_RENDER_ACCURACY_H
 
 #include "field/field.h"
+#include "film/film_error.h"
 #include "render/probe.h"
 
 struct AmbRender;
@@ -29,12 +32,24 @@ typedef struct FieldMeasure {
  * different light. */
 enum { FIELD_PART_TUBES, FIELD_PART_POINTS, FIELD_PART_COUNT };
 
+/* What is known of the pixels of a set; errors relative to their mean radiance. */
+typedef struct AccuracySet {
+    FilmSet pixels;
+    double radiance;
+    double noise, caustics;
+    double objects; /* the factor of errors that the pixels with objects have alone: 1 where these
+                     * are the set, less where there are others as bright */
+} AccuracySet;
+
+enum { ACCURACY_SET_MAX = 2 };
+
 typedef struct Accuracy {
     float target; /* 0: fixed budgets */
-    bool has_noise, has_field, has_scatter;
-    double noise, field, scatter; /* relative to the mean radiance */
-    double omitted;               /* the same, of effects that the plan left out */
-    double radiance;              /* that mean */
+    bool has_noise, has_field, has_scatter, has_caustics;
+    double field, scatter;              /* relative to the mean radiance of the first set */
+    double omitted;                     /* the same, of effects that the plan left out */
+    AccuracySet sets[ACCURACY_SET_MAX]; /* pixels with objects; those and with caustics */
+    uint32_t set_count;
     bool is_reached;
     const char *limit; /* what keeps the error above the target, one phrase; "" if nothing */
     double samples_mean;
@@ -43,6 +58,7 @@ typedef struct Accuracy {
 
     FieldMeasure parts[FIELD_PART_COUNT];
     Probe scatter_probe; /* empty unless photons were; its last two levels count */
+    Probe caustic_probe; /* the same of caustics */
 } Accuracy;
 
 /* What the stated error has to come to: less than the target, because it is known to a tenth or two
@@ -56,7 +72,11 @@ static inline double accuracy_aim(const Accuracy *accuracy) {
  * an eighth of its square at most. */
 static const double ACCURACY_SMALL = 0.5;
 
-/* Error as far as it is known. */
+/* The set of the larger error. */
+const AccuracySet *accuracy_worst_set(const Accuracy *accuracy);
+
+/* Error as far as it is known: the set's, and the larger one of all sets. */
+double accuracy_stated_of(const Accuracy *accuracy, const AccuracySet *set);
 double accuracy_stated(const Accuracy *accuracy);
 
 /* Builds the coarsest field whose error leaves room for noise, within bounds of memory. */

@@ -38,11 +38,12 @@ AmbStatus probe_create(uint32_t width, uint32_t height, double small, Probe *out
                          .block = block,
                          .blocks_x = (width + block - 1) / block,
                          .blocks_y = (height + block - 1) / block,
+                         .wanted = PROBE_OBJECT,
                          .small = small};
     const uint64_t blocks = (uint64_t)out_probe->blocks_x * out_probe->blocks_y;
-    out_probe->objects = memory_zero_array(blocks, 1);
+    out_probe->shows = memory_zero_array(blocks, 1);
     out_probe->counts = memory_alloc_array(blocks, sizeof(uint32_t));
-    if (out_probe->objects == NULL || out_probe->counts == NULL)
+    if (out_probe->shows == NULL || out_probe->counts == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the light field's error");
     for (uint64_t i = 0; i < blocks; ++i)
         out_probe->counts[i] = PROBE_SAMPLES;
@@ -50,7 +51,7 @@ AmbStatus probe_create(uint32_t width, uint32_t height, double small, Probe *out
 }
 
 void probe_clear(Probe *probe) {
-    memory_free(probe->objects);
+    memory_free(probe->shows);
     memory_free(probe->counts);
     for (uint32_t i = 0; i < FIELD_LEVEL_MAX; ++i)
         memory_free(probe->levels[i]);
@@ -79,7 +80,9 @@ static AmbStatus probe_block(const ProbePass *pass, uint64_t index, ProbePixel *
         if (rgb_is_finite(radiance))
             *sum = rgb_add(*sum, radiance);
         if (sample.is_object)
-            probe->objects[index] = 1;
+            probe->shows[index] |= PROBE_OBJECT;
+        if (sample.parts[CAMERA_PART_CAUSTICS] > 0.0f)
+            probe->shows[index] |= PROBE_CAUSTICS;
     }
     return AMB_OK;
 }
@@ -114,8 +117,16 @@ float probe_block_square(const Probe *probe, uint64_t block, uint32_t a, uint32_
     return 0.25f * rgb_mean(rgb_mul(d, d));
 }
 
-static bool has_objects(const Probe *probe) {
-    return memchr(probe->objects, 1, (uint64_t)probe->blocks_x * probe->blocks_y) != NULL;
+static bool is_in(const Probe *probe, uint64_t block, uint8_t shows) {
+    return shows == 0 || (probe->shows[block] & shows) != 0;
+}
+
+/* Of the pixels that are compared; 0: all. */
+static uint8_t compared(const Probe *probe) {
+    for (uint64_t i = 0; i < (uint64_t)probe->blocks_x * probe->blocks_y; ++i)
+        if (is_in(probe, i, probe->wanted))
+            return probe->wanted;
+    return 0;
 }
 
 /* Squared difference of two levels in a block's pixel. The halves are independent, so that the
@@ -128,43 +139,41 @@ static double block_square(const Probe *probe, uint64_t block, uint32_t a, uint3
         rgb_mul(difference(probe, block, a, b, 0), difference(probe, block, a, b, 1)));
 }
 
-static bool is_counted(const Probe *probe, uint64_t block, bool is_objects_only) {
-    return probe->objects[block] != 0 || !is_objects_only;
-}
-
-static double mean_square(const Probe *probe, uint32_t a, uint32_t b, bool is_objects_only) {
+static double mean_square(const Probe *probe, uint32_t a, uint32_t b, uint8_t shows) {
     const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
     double sum = 0.0;
     uint64_t count = 0;
     for (uint64_t i = 0; i < blocks; ++i)
-        if (is_counted(probe, i, is_objects_only)) {
+        if (is_in(probe, i, shows)) {
             sum += block_square(probe, i, a, b);
             ++count;
         }
     return count > 0 ? sum / (double)count : 0.0;
 }
 
-static double mean_radiance(const Probe *probe, uint32_t level, bool is_objects_only) {
+ProbeMean probe_mean(const Probe *probe, uint8_t shows) {
     const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
+    ProbeMean mean = {.differences = {.level_count = probe->level_count}};
+    for (uint32_t b = 1; b < probe->level_count; ++b)
+        for (uint32_t a = 0; a < b; ++a)
+            mean.differences.squares[a][b] = mean.differences.squares[b][a] =
+                fmax(mean_square(probe, a, b, shows), 0.0);
+    const uint32_t newest = probe->level_count - 1;
     double sum = 0.0;
-    uint64_t count = 0;
     for (uint64_t i = 0; i < blocks; ++i)
-        if (is_counted(probe, i, is_objects_only)) {
-            sum += 0.5 * (double)rgb_mean(rgb_add(half_radiance(probe, i, level, 0),
-                                                  half_radiance(probe, i, level, 1)));
-            ++count;
+        if (is_in(probe, i, shows)) {
+            sum += 0.5 * (double)rgb_mean(rgb_add(half_radiance(probe, i, newest, 0),
+                                                  half_radiance(probe, i, newest, 1)));
+            ++mean.count;
         }
-    return count > 0 ? sum / (double)count : 0.0;
+    mean.radiance = mean.count > 0 ? sum / (double)mean.count : 0.0;
+    return mean;
 }
 
-/* Differences of all levels with one. */
-static void compare_levels(Probe *probe, uint32_t level) {
-    const bool is_objects_only = has_objects(probe);
-    for (uint32_t i = 0; i < probe->level_count; ++i)
-        if (i != level)
-            probe->differences.squares[i][level] = probe->differences.squares[level][i] =
-                fmax(mean_square(probe, i, level, is_objects_only), 0.0);
-    probe->radiance = mean_radiance(probe, level, is_objects_only);
+static void compare_levels(Probe *probe) {
+    const ProbeMean mean = probe_mean(probe, compared(probe));
+    probe->differences = mean.differences;
+    probe->radiance = mean.radiance;
 }
 
 AmbStatus probe_run(Probe *probe, const ProbeSight *sight, Job *job) {
@@ -175,8 +184,7 @@ AmbStatus probe_run(Probe *probe, const ProbeSight *sight, Job *job) {
         return status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the light field's error");
     AMB_TRY(see_level(probe, level, sight, job));
     probe->level_count = level + 1;
-    probe->differences.level_count = level + 1;
-    compare_levels(probe, level);
+    compare_levels(probe);
     return AMB_OK;
 }
 
@@ -198,16 +206,17 @@ static double spread_of_mean(const SquareSum *sum) {
 
 typedef enum Knowledge { KNOWS_LITTLE, KNOWS_ENOUGH, IS_SMALL } Knowledge;
 
-/* What the samples tell of the first two levels' difference. It is small where the squares
+/* What the samples tell of the newest two levels' difference. It is small where the squares
  * themselves are, which noise makes larger. */
 static Knowledge judge(const Probe *probe) {
     const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
-    const bool is_objects_only = has_objects(probe);
+    const uint32_t newest = probe->level_count - 1;
+    const uint8_t shows = compared(probe);
     SquareSum products = {.count = 0}, squares = {.count = 0};
     for (uint64_t i = 0; i < blocks; ++i)
-        if (is_counted(probe, i, is_objects_only)) {
-            add_square(&products, block_square(probe, i, 0, 1));
-            add_square(&squares, (double)probe_block_square(probe, i, 0, 1));
+        if (is_in(probe, i, shows)) {
+            add_square(&products, block_square(probe, i, newest - 1, newest));
+            add_square(&squares, (double)probe_block_square(probe, i, newest - 1, newest));
         }
     const double n = (double)squares.count, small = probe->small * probe->radiance;
     if (squares.sum / n + PROBE_SIGMAS * spread_of_mean(&squares) <= small * small)
@@ -216,32 +225,39 @@ static Knowledge judge(const Probe *probe) {
                                                                         : KNOWS_LITTLE;
 }
 
-static AmbStatus see_both(Probe *probe, const ProbeSight sights[2], Job *job) {
-    for (uint32_t level = 0; level < 2; ++level)
+static AmbStatus see_all(Probe *probe, const ProbeSight sights[], Job *job) {
+    for (uint32_t level = 0; level < probe->level_count; ++level)
         AMB_TRY(see_level(probe, level, &sights[level], job));
-    compare_levels(probe, 1);
+    compare_levels(probe);
     return AMB_OK;
 }
 
-AmbStatus probe_refine(Probe *probe, const ProbeSight sights[2], bool has_folds, Job *job) {
+static void raise_count(Probe *probe, uint64_t block, uint32_t count) {
+    if (probe->counts[block] < count)
+        probe->counts[block] = count;
+}
+
+AmbStatus probe_refine(Probe *probe, const ProbeSight sights[], bool has_folds, Job *job) {
     const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
+    const uint32_t newest = probe->level_count - 1;
     uint32_t samples = PROBE_SAMPLES;
     Knowledge knowledge = judge(probe);
     while (knowledge == KNOWS_LITTLE && samples < PROBE_SAMPLES_MANY &&
            samples * blocks < (uint64_t)PROBE_SAMPLES * PROBE_PIXELS) {
         samples *= 2;
         for (uint64_t i = 0; i < blocks; ++i)
-            probe->counts[i] = samples;
-        AMB_TRY(see_both(probe, sights, job));
+            raise_count(probe, i, samples);
+        AMB_TRY(see_all(probe, sights, job));
         knowledge = judge(probe);
     }
     if (!has_folds || knowledge == IS_SMALL)
         return AMB_OK;
     double sum = 0.0;
     for (uint64_t i = 0; i < blocks; ++i)
-        sum += (double)probe_block_square(probe, i, 0, 1);
+        sum += (double)probe_block_square(probe, i, newest - 1, newest);
     for (uint64_t i = 0; i < blocks; ++i)
-        if ((double)probe_block_square(probe, i, 0, 1) * (double)blocks > PROBE_FOCUS * sum)
-            probe->counts[i] = PROBE_SAMPLES_MANY;
-    return see_both(probe, sights, job);
+        if ((double)probe_block_square(probe, i, newest - 1, newest) * (double)blocks >
+            PROBE_FOCUS * sum)
+            raise_count(probe, i, PROBE_SAMPLES_MANY);
+    return see_all(probe, sights, job);
 }

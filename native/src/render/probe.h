@@ -21,30 +21,45 @@ typedef struct ProbeSight {
     uint32_t x, y;              /* the film's corner in the image */
 } ProbeSight;
 
+/* What a pixel shows. */
+enum { PROBE_OBJECT = 1, PROBE_CAUSTICS = 2 };
+
+/* Mean over pixels. */
+typedef struct ProbeMean {
+    FieldDifferences differences;
+    double radiance; /* of the newest level */
+    uint64_t count;  /* pixels */
+} ProbeMean;
+
 /* One pixel of each square block. */
 typedef struct Probe {
     uint32_t width, height; /* of the film */
     uint32_t block;         /* pixels along an edge */
     uint32_t blocks_x, blocks_y;
-    uint8_t *objects; /* by block: 1 if its pixel shows a translucent object */
+    uint8_t *shows;   /* by block: PROBE_* of its pixel */
+    uint8_t wanted;   /* pixels that show one of these are compared, or all if none does */
     uint32_t *counts; /* by block: samples of its pixel */
     double small; /* an error of so much, in units of the mean radiance, need not be known well */
     ProbePixel *levels[FIELD_LEVEL_MAX];
     uint32_t level_count;
-    FieldDifferences differences; /* over the pixels with objects, or all if there are none */
+    FieldDifferences differences; /* over the pixels that are compared */
     double radiance;              /* mean over the same, of the newest level */
 } Probe;
 
+/* Compares the pixels that show an object. */
 AmbStatus probe_create(uint32_t width, uint32_t height, double small, Probe *out_probe);
 void probe_clear(Probe *probe);
 
 /* Adds a level. */
 AmbStatus probe_run(Probe *probe, const ProbeSight *sight, Job *job);
 
-/* After the first two levels: more samples in both, and in all that follow, until their difference
- * is known or small beyond doubt. has_folds: it is that of few pixels, where light is focused,
- * which get many. */
-AmbStatus probe_refine(Probe *probe, const ProbeSight sights[2], bool has_folds, Job *job);
+/* With at least two levels: more samples in all of them, and in all that follow, until the newest
+ * two's difference is known or small beyond doubt. sights: by level. has_folds: it is that of few
+ * pixels, where light is focused, which get many. */
+AmbStatus probe_refine(Probe *probe, const ProbeSight sights[], bool has_folds, Job *job);
+
+/* Over the pixels that show one of these (PROBE_*), or all of them for 0. */
+ProbeMean probe_mean(const Probe *probe, uint8_t shows);
 
 /* Squared difference of two levels in a block's pixel, mean over channels, noise included. */
 float probe_block_square(const Probe *probe, uint64_t block, uint32_t a, uint32_t b);

@@ -9,6 +9,7 @@
 #include <time.h>
 
 #include "base/memory.h"
+#include "render/accuracy_caustics.h"
 #include "render/accuracy_scatter.h"
 #include "render/report.h"
 
@@ -20,6 +21,7 @@ static const float STAGE_BEGIN[STAGE_COUNT + 1] = {0.0f, 0.02f, 0.08f, 0.15f, 1.
 enum { TILE = 8, COARSE_STEP = TILE, ROUND_MAX = 16 };
 _Static_assert((int)CAMERA_ORDER_COUNT == (int)FILM_ORDER_COUNT, "a pass for each order");
 _Static_assert((int)CAMERA_PART_COUNT == (int)FILM_PART_COUNT, "a sum for each part");
+_Static_assert((int)CAMERA_PART_CAUSTICS == (int)FILM_PART_CAUSTICS, "film_error.h knows it");
 
 /* One pass over all pixels. */
 typedef struct Round {
@@ -327,7 +329,6 @@ static AmbStatus run_scatter(AmbRender *render, Scatter **out_scatter) {
 
 AmbStatus render_probe(AmbRender *render, Probe *probe, const Field *const fields[2],
                        const Scatter *const scatters[2], bool has_folds) {
-    const StageClock begin = clock_stage(render);
     CameraParams cameras[2] = {render->plan.camera, render->plan.camera};
     ProbeSight sights[2];
     for (int i = 0; i < 2; ++i) {
@@ -335,6 +336,7 @@ AmbStatus render_probe(AmbRender *render, Probe *probe, const Field *const field
         sights[i] =
             (ProbeSight){render->scene, fields[i], &cameras[i], render->crop_x, render->crop_y};
     }
+    const StageClock begin = clock_stage(render);
     AmbStatus status = probe_run(probe, &sights[1], &render->job);
     if (status == AMB_OK && probe->level_count == 2)
         status = probe_refine(probe, sights, has_folds, &render->job);
@@ -342,20 +344,39 @@ AmbStatus render_probe(AmbRender *render, Probe *probe, const Field *const field
     return status;
 }
 
-static AmbStatus run_caustics(AmbRender *render, CausticMap **out_map) {
-    if (render->plan.caustics.light.ray_count == 0)
-        return AMB_OK;
+AmbStatus render_probe_caustics(AmbRender *render, const ProbeSight sights[]) {
+    const StageClock begin = clock_stage(render);
+    Probe *probe = &render->accuracy.caustic_probe;
+    AmbStatus status = probe_run(probe, &sights[probe->level_count], &render->job);
+    if (status == AMB_OK && probe->level_count > 1)
+        status = probe_refine(probe, sights, true, &render->job);
+    charge_stage(render, STAGE_LIGHT, begin);
+    return status;
+}
+
+AmbStatus render_build_caustics(AmbRender *render, CausticMap **out_map) {
     set_stage(render, STAGE_LIGHT);
     const StageClock begin = clock_stage(render);
+    const AmbStatus status =
+        caustics_create(render->scene, &render->plan.caustics, &render->job, out_map);
+    charge_stage(render, STAGE_LIGHT, begin);
+    if (status == AMB_OK)
+        render->caustics = caustics_account(*out_map);
+    return status;
+}
+
+static AmbStatus run_caustics(AmbRender *render, CausticMap **out_map) {
+    render->accuracy.has_caustics = render->plan.caustics.light.ray_count == 0;
+    if (render->accuracy.has_caustics)
+        return AMB_OK;
+    if (render->accuracy.target > 0.0f)
+        accuracy_plan_caustics(render);
     AmbStatus status;
     do
-        status = caustics_create(render->scene, &render->plan.caustics, &render->job, out_map);
+        status = render_build_caustics(render, out_map);
     while (try_coarser(render, status, plan_reduce_caustics));
-    AMB_TRY(status);
-    charge_stage(render, STAGE_LIGHT, begin);
-    render->caustics = caustics_account(*out_map);
     render->plan.camera.caustics = *out_map;
-    return AMB_OK;
+    return status;
 }
 
 static AmbStatus run_light_side(AmbRender *render, Field **out_field) {
@@ -369,12 +390,14 @@ static AmbStatus run_light_side(AmbRender *render, Field **out_field) {
 }
 
 /* After what the camera pass knows from its parameters. */
-static AmbStatus run_field_and_camera(AmbRender *render, Scatter **scatter) {
+static AmbStatus run_field_and_camera(AmbRender *render, CausticMap **caustics, Scatter **scatter) {
     Field *field = NULL;
     AmbStatus status = run_light_side(render, &field);
     render->accuracy.has_scatter = *scatter == NULL;
     if (status == AMB_OK && render->accuracy.target > 0.0f)
         status = accuracy_refine_scatter(render, field, scatter);
+    if (status == AMB_OK && render->accuracy.target > 0.0f && *caustics != NULL)
+        status = accuracy_refine_caustics(render, field, caustics);
     if (status == AMB_OK) {
         set_stage(render, STAGE_CAMERA);
         const StageClock begin = clock_stage(render);
@@ -400,7 +423,7 @@ static AmbStatus run_stages(AmbRender *render) {
     if (status == AMB_OK)
         status = run_scatter(render, &scatter);
     if (status == AMB_OK)
-        status = run_field_and_camera(render, &scatter);
+        status = run_field_and_camera(render, &caustics, &scatter);
     render->plan.camera.caustics = NULL;
     render->plan.camera.scatter = NULL;
     caustics_destroy(caustics);
@@ -459,6 +482,7 @@ static void release(AmbRender *render) {
     for (int i = 0; i < FIELD_PART_COUNT; ++i)
         probe_clear(&render->accuracy.parts[i].probe);
     probe_clear(&render->accuracy.scatter_probe);
+    probe_clear(&render->accuracy.caustic_probe);
     plan_clear(&render->plan);
     film_clear(&render->film);
     memory_free(render->nonfinite_objects);
@@ -478,6 +502,8 @@ AmbStatus render_start(AmbScene *scene, const AmbRenderParams *params, AmbRender
     render->params = *params;
     render->accuracy.target = params->accuracy;
     render->accuracy.limit = "";
+    render->accuracy.sets[0].objects = 1.0;
+    render->accuracy.set_count = 1;
     uint32_t width = params->width, height = params->height;
     if (params->crop_width > 0) {
         render->crop_x = params->crop_x;

@@ -60,6 +60,7 @@ struct AmbRender {
     StageCost costs[STAGE_COUNT];
     FieldAccount account;
     CausticAccount caustics;
+    uint64_t caustic_rays_planned; /* under a target, before it is known how many are enough */
     ScatterAccount scatter;
     atomic_uint_least64_t camera_leak_count;
     uint64_t scene_bytes, peak_rss_bytes;
@@ -90,6 +91,10 @@ bool render_forgive_memory(AmbRender *render, AmbStatus status);
  * probe_refine. */
 AmbStatus render_probe(AmbRender *render, Probe *probe, const Field *const fields[2],
                        const Scatter *const scatters[2], bool has_folds);
+/* One more level of the probe of caustics; sights: by level. */
+AmbStatus render_probe_caustics(AmbRender *render, const ProbeSight sights[]);
+/* A map of caustics as the plan has it now; not yet seen by the camera. */
+AmbStatus render_build_caustics(AmbRender *render, CausticMap **out_map);
 /* Light of later orders as the plan has it now, seen by the camera from then on. */
 AmbStatus render_build_scatter(AmbRender *render, Scatter **out_scatter);
 /* One more round of camera samples: quotas, by pixel of the film. */

@@ -82,11 +82,12 @@ static bool measured_share(const FilmShares *shares, uint32_t effect, double *ou
                  {PLAN_SURFACE_REFLECTION, CAMERA_PART_REFLECTION, false},
                  {PLAN_BACKGROUND, CAMERA_PART_BACKGROUND, false},
                  {PLAN_CAMERA_BOUNCES, CAMERA_PART_BOUNCES, false},
-                 {PLAN_WORLD_LIGHT, CAMERA_PART_WORLD_LIGHT, false}};
-    for (uint32_t i = 0; i < sizeof known / sizeof known[0] && shares->is_known; ++i)
+                 {PLAN_WORLD_LIGHT, CAMERA_PART_WORLD_LIGHT, false},
+                 {PLAN_CAUSTICS, CAMERA_PART_CAUSTICS, false}};
+    for (uint32_t i = 0; i < sizeof known / sizeof known[0]; ++i)
         if (known[i].effect == effect) {
             *out_share = (known[i].is_order ? shares->orders : shares->parts)[known[i].index];
-            return true;
+            return effect == PLAN_CAUSTICS ? shares->has_caustics : shares->is_known;
         }
     return false;
 }
@@ -181,14 +182,20 @@ static void add_scatter(Text *text, const AmbRender *render) {
 /* Relative errors; null where nothing was measured. */
 static void add_accuracy(Text *text, const AmbRender *render) {
     const Accuracy *accuracy = &render->accuracy;
-    const bool has_all = accuracy->has_noise && accuracy->has_field && accuracy->has_scatter;
+    const bool has_all = accuracy->has_noise && accuracy->has_field && accuracy->has_scatter &&
+                         accuracy->has_caustics;
     const bool is_target = accuracy->target > 0.0f;
-    add(text, "  \"accuracy\": {\"target\": %.9g, ", (double)accuracy->target);
+    const AccuracySet *set = accuracy_worst_set(accuracy);
+    add(text, "  \"accuracy\": {\"target\": %.9g, \"pixels\": \"%s\", ", (double)accuracy->target,
+        set->pixels == FILM_OBJECTS ? "objects"
+        : set->pixels == FILM_LIT   ? "objects and caustics"
+                                    : "all");
     add_number(text, "stated", has_all, accuracy_stated(accuracy));
-    add_number(text, "noise", accuracy->has_noise, accuracy->noise);
-    add_number(text, "field", accuracy->has_field, accuracy->field);
-    add_number(text, "scatter", accuracy->has_scatter, accuracy->scatter);
-    add_number(text, "omitted", render->has_plan, accuracy->omitted);
+    add_number(text, "noise", accuracy->has_noise, set->noise);
+    add_number(text, "field", accuracy->has_field, set->objects * accuracy->field);
+    add_number(text, "scatter", accuracy->has_scatter, set->objects * accuracy->scatter);
+    add_number(text, "caustics", accuracy->has_caustics, set->caustics);
+    add_number(text, "omitted", render->has_plan, set->objects * accuracy->omitted);
     add_number(text, "field_ratio", accuracy->convergence > 0.0, accuracy->convergence);
     add(text, "\"reached\": %s, \"limit\": \"%s\", ",
         !is_target             ? "null"
