@@ -22,7 +22,7 @@
 
 /* ---- Memory ---------------------------------------------------------------------------------- */
 
-enum { SIDE = 6, FLOATS = SIDE * SIDE * 4 };
+enum { SIDE = 2, FLOATS = SIDE * SIDE * 4 };
 
 #define STEP(call)                                                                                 \
     do {                                                                                           \
@@ -33,7 +33,7 @@ enum { SIDE = 6, FLOATS = SIDE * SIDE * 4 };
 
 /* Everything a caller does, until something fails. */
 static AmbStatus whole_cycle(const Demo *demo, const char *path, float out_pixels[FLOATS]) {
-    static const uint32_t slots[2] = {0, 0};
+    static const uint32_t slots[2] = {0, 0}, opaque = 1;
     AmbScene *scene = NULL;
     AmbRender *render = NULL;
     AmbStatus status;
@@ -56,6 +56,7 @@ static AmbStatus whole_cycle(const Demo *demo, const char *path, float out_pixel
     STEP(amb_scene_add_mesh(scene, &ground, &id));
     STEP(amb_scene_add_object(scene, &object, &id));
     object.mesh = 1;
+    object.materials = &opaque; /* light through the hero falls onto it */
     object.to_world[11] = -2.0f;
     STEP(amb_scene_add_object(scene, &object, &id));
     STEP(amb_scene_add_light(scene, &demo->light, &id));
@@ -79,23 +80,35 @@ typedef struct MemoryCase {
     const char *what;
     uint32_t estimator, light_bounces;
     float accuracy;
-    uint32_t threads;
-    int step;                   /* of n in a short run: 1 is every allocation */
+    uint32_t threads;           /* 0: 1 */
+    uint32_t light_samples;     /* 0: next to none */
+    int step;                   /* of n in a short run, where a cycle takes a tenth of a second; 0:
+                                 * every allocation */
     uint32_t scatter_estimator; /* AUTO: light scatters once */
+    bool has_caustics;
 } MemoryCase;
 
+enum { FEW_SAMPLES = 30, TWO_CHUNKS = 10000 };
+
 static const MemoryCase MEMORY_CASES[] = {
-    {"tubes", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 1, AMB_SCATTER_AUTO},
-    {"tubes that reflect, two threads", AMB_ESTIMATOR_TUBES, 1, 0.0f, 2, 3, AMB_SCATTER_AUTO},
-    {"tubes and points", AMB_ESTIMATOR_TUBES, 3, 0.0f, 1, 3, AMB_SCATTER_AUTO},
-    {"tubes and points to a target", AMB_ESTIMATOR_TUBES, 3, 1.0f, 1, 41, AMB_SCATTER_AUTO},
-    {"tubes to a target", AMB_ESTIMATOR_TUBES, 0, 1.0f, 1, 13, AMB_SCATTER_AUTO},
-    {"points", AMB_ESTIMATOR_POINTS_FIXED, 1, 0.0f, 1, 1, AMB_SCATTER_AUTO},
-    {"points to a target", AMB_ESTIMATOR_POINTS_COVARIANCE, 0, 1.0f, 1, 19, AMB_SCATTER_AUTO},
-    {"specular", AMB_ESTIMATOR_SPECULAR, 0, 0.0f, 1, 1, AMB_SCATTER_AUTO},
-    {"photons", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 11, AMB_SCATTER_PHOTONS},
-    {"photons to a target", AMB_ESTIMATOR_TUBES, 0, 1.0f, 1, 97, AMB_SCATTER_PHOTONS},
-    {"a tree cut", AMB_ESTIMATOR_TUBES, 0, 0.0f, 1, 41, AMB_SCATTER_TREE_CUT},
+    {"tubes", .estimator = AMB_ESTIMATOR_TUBES},
+    {"tubes that reflect, two threads", .estimator = AMB_ESTIMATOR_TUBES, .light_bounces = 1,
+     .threads = 2},
+    {"tubes and points", .estimator = AMB_ESTIMATOR_TUBES, .light_bounces = 3, .step = 3},
+    {"tubes and points to a target", .estimator = AMB_ESTIMATOR_TUBES, .light_bounces = 3,
+     .accuracy = 1.0f, .step = 41},
+    {"tubes to a target", .estimator = AMB_ESTIMATOR_TUBES, .accuracy = 1.0f},
+    {"points", .estimator = AMB_ESTIMATOR_POINTS_FIXED, .light_bounces = 1,
+     .light_samples = TWO_CHUNKS},
+    {"points to a target", .estimator = AMB_ESTIMATOR_POINTS_COVARIANCE, .accuracy = 1.0f},
+    {"specular", .estimator = AMB_ESTIMATOR_SPECULAR},
+    {"caustics", .estimator = AMB_ESTIMATOR_SPECULAR, .has_caustics = true},
+    {"walks", .estimator = AMB_ESTIMATOR_TUBES, .scatter_estimator = AMB_SCATTER_WALK},
+    {"photons", .estimator = AMB_ESTIMATOR_TUBES, .scatter_estimator = AMB_SCATTER_PHOTONS},
+    {"photons to a target", .estimator = AMB_ESTIMATOR_TUBES, .accuracy = 1.0f, .step = 7,
+     .scatter_estimator = AMB_SCATTER_PHOTONS},
+    {"a tree cut", .estimator = AMB_ESTIMATOR_TUBES, .step = 11,
+     .scatter_estimator = AMB_SCATTER_TREE_CUT},
 };
 
 /* What must be true of a cycle in which memory may have failed; returns whether it gave a picture.
@@ -134,9 +147,9 @@ static void check_memory_case(const MemoryCase *memory, const char *folder) {
     Demo demo = demo_create();
     demo.params.width = demo.params.height = SIDE;
     demo.params.samples = 1;
-    demo.params.light_samples = 10000; /* two chunks of light rays */
+    demo.params.light_samples = memory->light_samples > 0 ? memory->light_samples : FEW_SAMPLES;
     shape_free(&demo.shape);
-    demo.shape = shape_sphere(6, 10);
+    demo.shape = shape_sphere(3, 4);
     demo.params.estimator = memory->estimator;
     demo.params.light_bounces = memory->light_bounces;
     demo.params.accuracy = memory->accuracy;
@@ -144,12 +157,14 @@ static void check_memory_case(const MemoryCase *memory, const char *folder) {
         demo.params.scatter_estimator = memory->scatter_estimator;
         demo.params.effects |= AMB_EFFECT_DOUBLE_SCATTERING | AMB_EFFECT_MULTIPLE_SCATTERING;
     }
-    demo.params.threads = memory->threads;
+    if (!memory->has_caustics)
+        demo.params.effects &= ~(uint32_t)AMB_EFFECT_CAUSTICS;
+    demo.params.threads = memory->threads > 0 ? memory->threads : 1;
     snprintf(path, sizeof path, "%s/first.exr", folder);
     ENSURE_STATUS(whole_cycle(&demo, path, expected), AMB_OK);
     ENSURE(remove(path) == 0);
     int n = 0, pictures = 0;
-    const int step = test_is_long() ? 1 : memory->step;
+    const int step = test_is_long() || memory->step == 0 ? 1 : memory->step;
     for (; pictures < 3 && n < 2000; n += step) {
         n % 3 == 0 ? memory_fail_from(n) : memory_fail_after(n);
         const bool is_picture = check_cycle(&demo, memory->what, n, folder, expected);

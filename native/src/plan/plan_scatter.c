@@ -31,7 +31,7 @@ static uint64_t count_photons(const AmbRenderParams *params) {
         return set > 0 ? set : 1;
     const double percent = 100.0 * (double)params->accuracy;
     const double wanted = PHOTONS_AT_PERCENT / (percent * percent * percent);
-    const double most = (double)plan_photons_most(params), least = 16384.0;
+    const double most = (double)plan_photons_most(params), least = fmin(16384.0, most);
     return (uint64_t)(wanted < least ? least : wanted > most ? most : wanted);
 }
 
