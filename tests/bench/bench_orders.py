@@ -6,6 +6,7 @@ pays for order 2.
     python3 tests/bench/bench_orders.py flux [--runs 16]    # watts in and out of spheres
     python3 tests/bench/bench_orders.py speed               # order 2, at equal error
     python3 tests/bench/bench_orders.py full                # all orders against the first
+    python3 tests/bench/bench_orders.py noise               # which of its parts is the noise
 
 The tracer comes with the C tests: cmake --build build/dev --target order_tracer.
 """
@@ -176,9 +177,44 @@ def full(size: int, target: float) -> None:
     print(f"\nratio {costs[1] / costs[0]:.1f} (bar 5)")
 
 
+def noise(size: int) -> None:
+    """What each part of the full picture costs and leaves at sixteen samples, in units of the
+    whole's mean radiance: what falls with the root of the samples, as of walks, sets the price."""
+    bounces = 16
+    parts: list[tuple[str, int, int, int]] = [
+        ("order 1, no reflections", SINGLE, 0, 0),
+        ("order 1, of the light", SINGLE, bounces, 0),
+        ("order 1, of the camera", SINGLE, 0, bounces),
+        ("order 1, of both", SINGLE, bounces, bounces),
+        ("order 2", DOUBLE, bounces, bounces),
+        ("order 3 and more", SCATTERED & ~SINGLE & ~DOUBLE, bounces, bounces),
+        ("all", SCATTERED, bounces, bounces),
+    ]
+    rows = []
+    for name, effects, light, camera in parts:
+        image = render(
+            bumpy(),
+            size,
+            name="Combined",
+            effects=effects,
+            light_bounces=light,
+            camera_bounces=camera,
+            adjoint_normals=1,
+            samples=16,
+            threads=1,
+        )
+        left = image.report["accuracy"]["noise"] * image.pixels[..., :3].mean()
+        rows.append((name, left, image.pixels[..., :3].mean(), stage_cpu(image, ["camera"])))
+    mean = rows[-1][2]
+    print("| part | of the radiance | noise of 16 samples | camera, CPU s |")
+    print("|---|---|---|---|")
+    for name, left, radiance, cost in rows:
+        print(f"| {name} | {radiance / mean:.2f} | {left / mean:.3f} | {cost:.2f} |")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["table", "flux", "speed", "full"])
+    parser.add_argument("what", choices=["table", "flux", "speed", "full", "noise"])
     parser.add_argument("--runs", type=int, default=16, help="of the table and the flux")
     parser.add_argument("--size", type=int, default=64, help="of the full picture")
     parser.add_argument("--accuracy", type=float, default=0.02, help="of the full picture")
@@ -189,6 +225,8 @@ def main() -> None:
         flux(options.runs)
     elif options.what == "speed":
         speed()
+    elif options.what == "noise":
+        noise(options.size)
     else:
         full(options.size, options.accuracy)
 

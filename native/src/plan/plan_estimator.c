@@ -20,13 +20,17 @@ enum {
  * that come to more cells than this together, 0 .. TUBE_BOUNCES_MAX reflections by tubes. */
 static const uint32_t AUTO_CELLS_MAX[TUBE_BOUNCES_MAX + 1] = {16, 4, 1};
 
-/* Of so many internal reflections of the light, those that tubes follow; points carry the rest.
- * Each reflection at a bumpy wall multiplies tubes and widens them: where walls trap the light,
- * points are the cheaper ones from the first on. */
-static uint32_t tube_bounces(uint32_t bounces, const MeshProblems *problems) {
-    if (bounces <= TUBE_BOUNCES_MAX)
-        return bounces;
-    return problems->is_trapped ? 0 : TUBE_BOUNCES_MAX;
+/* Of the light's internal reflections, those that tubes follow; points carry the rest. Each one
+ * multiplies and widens tubes, at bumpy walls most of all: where there are points and the count
+ * comes from what shows, or walls trap the light, points are the cheaper ones from the first on.
+ * Asked for by hand, reflections may be all that a picture is about. */
+static uint32_t tube_bounces(const MeshProblems *problems, const Plan *plan) {
+    const uint32_t bounces = plan->effects[PLAN_LIGHT_BOUNCES].count;
+    const bool has_points =
+        bounces > TUBE_BOUNCES_MAX || plan->effects[PLAN_TRANSMITTED_LIGHT].is_simulated;
+    if (has_points && (plan->is_automatic || problems->is_trapped))
+        return 0;
+    return bounces <= TUBE_BOUNCES_MAX ? bounces : TUBE_BOUNCES_MAX;
 }
 
 /* Cells of a lamp with an extent, for the object that sees it largest; 0 for a point. */
@@ -125,7 +129,7 @@ AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *params,
         plan->estimator == AMB_ESTIMATOR_POINTS_COVARIANCE)
         return AMB_OK;
     const uint32_t bounces = plan->effects[PLAN_LIGHT_BOUNCES].count;
-    plan->tube_bounces = tube_bounces(bounces, problems);
+    plan->tube_bounces = tube_bounces(problems, plan);
     const Obstacle obstacle = triangles_obstacle(
         scene, plan->estimator,
         plan->estimator == AMB_ESTIMATOR_SPECULAR ? bounces : plan->tube_bounces);
