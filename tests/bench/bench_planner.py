@@ -45,7 +45,7 @@ BOUNCES = 8
 
 
 # Of the pictures with everything on; estimators AUTO.
-TRUTH: dict[str, Any] = {"samples": 16, "light_samples": 2**18, "kernel_size": 2.0}
+TRUTH: dict[str, Any] = {"samples": 64, "light_samples": 2**18, "kernel_size": 2.0}
 
 
 Row = dict[str, Any]

@@ -53,6 +53,8 @@ MEANS = [  # shape, optical radius, albedo, g, pairs of walks, photons
     ("sphere", 5, 0.9, 0.6, 4, 2**17),
     ("sphere", 5, 0.9, 0.7, 4, 2**17),
     ("sphere", 5, 0.9, 0.8, 8, 2**17),
+    ("sphere", 5, 0.9, 0.85, 8, 2**17),
+    ("sphere", 5, 0.9, 0.9, 8, 2**17),
     ("sphere", 20, 0.9, 0.0, 4, 2**17),
     ("sphere", 20, 0.99, 0.0, 4, 2**17),
     ("sphere", 20, 0.99, 0.7, 8, 2**17),
@@ -278,7 +280,7 @@ def main() -> None:
             f"{'radius':>8}{'albedo':>9}{'walk':>9}{'to 3 %':>10}{'photons':>9}{'to 3 %':>10}"
             f"{'gain':>9}"
         )
-        for optical_radius in (0.5, 1, 2, 5, 20, 100):
+        for optical_radius in (0.1, 0.5, 1, 2, 5, 20, 100):
             for albedo in (0.5, 0.9, 0.99, 0.9999):
                 compare(optical_radius, albedo, unit, arguments.threads)
     jade("sphere", icosphere(5), unit, arguments.threads)
