@@ -109,8 +109,9 @@ class AmberlightSceneSettings(bpy.types.PropertyGroup):
     )
     tube_refinement: IntProperty(
         name="Tube Refinement",
-        description="Tubes for each triangle: 0, 1, 2, 3, 4 = one, 4, 16, 64, 256",
-        min=0,
+        description="Tubes for each triangle: 0, 1, 2, 3, 4 = one, 4, 16, 64, 256; -1 and -2 cut "
+        "rough faces and edges of shadows less",
+        min=-2,
         max=4,
         default=DEFAULT.tube_refinement,
     )

@@ -84,7 +84,7 @@ class View:
         )
 
     def tubes(self, refinements: int) -> list[Row]:
-        return [self.measure("TUBES", f"refinement {r}", level=r) for r in range(refinements)]
+        return [self.measure("TUBES", f"refinement {r}", level=r) for r in range(-2, refinements)]
 
     def points(
         self, estimator: str, error: str, target: float, last_log2: int
@@ -231,23 +231,25 @@ def smoothed(mesh: Mesh) -> Mesh:
 
 def scans(threads: int, folder: Path) -> None:
     print("\n## Scanned meshes, side-lit, against refinement 1\n")
-    print("| mesh | triangles | tubes | MB | `rel_rmse` | `floored_rel` | mean | / rays |")
-    print("|---|---|---|---|---|---|---|---|")
+    print("| mesh | triangles | refined | tubes | MB | `rel_rmse` | `floored_rel` | mean | / rays |")
+    print("|---|---|---|---|---|---|---|---|---|")
     for name in ("bunny", "buddha"):
         mesh = smoothed(read_obj(folder / f"{name}.obj"))
         build = bumpy.lit_alike(mesh)
-        fine, image = (bumpy.measure(build, "TUBES", 1, 1.0, threads, level) for level in (1, 0))
+        fine = bumpy.measure(build, "TUBES", 1, 1.0, threads, 1)
         rays = [bumpy.stage_cpu(bumpy.rays_alone(build, threads)) for _ in range(REPEATS)]
         mask = fine.cover > 0
-        mean = float(metrics.mean_ratio(image.pixels, fine.pixels, mask).mean())
-        print(
-            f"| {name} | {len(mesh.triangles)} | {image.report['light']['tubes']} "
-            f"| {image.report['memory']['field_bytes'] / 1e6:.1f} "
-            f"| {100 * metrics.rel_rmse(image.pixels, fine.pixels, mask):.2f} % "
-            f"| {100 * metrics.floored_rel(image.pixels, fine.pixels, mask):.2f} % "
-            f"| {mean:.4f} | {bumpy.stage_cpu(image) / statistics.median(rays):.1f} |",
-            flush=True,
-        )
+        for level in (0, -1, -2):
+            image = bumpy.measure(build, "TUBES", 1, 1.0, threads, level)
+            mean = float(metrics.mean_ratio(image.pixels, fine.pixels, mask).mean())
+            print(
+                f"| {name} | {len(mesh.triangles)} | {level} | {image.report['light']['tubes']} "
+                f"| {image.report['memory']['field_bytes'] / 1e6:.1f} "
+                f"| {100 * metrics.rel_rmse(image.pixels, fine.pixels, mask):.2f} % "
+                f"| {100 * metrics.floored_rel(image.pixels, fine.pixels, mask):.2f} % "
+                f"| {mean:.4f} | {bumpy.stage_cpu(image) / statistics.median(rays):.1f} |",
+                flush=True,
+            )
 
 
 # ---- Views along the light -----------------------------------------------------------------------

@@ -241,7 +241,10 @@ static AmbRenderParams any_params(Story *story) {
     params.seed = bytes_u8(bytes);
     params.threads = 1;
     params.film_transparent = bytes_below(bytes, 2);
-    params.tube_refinement = bytes_below(bytes, 16) == 0 ? bytes_below(bytes, 6) : 0;
+    const int32_t refinement = (int32_t)bytes_below(bytes, 16);
+    params.tube_refinement = refinement == 0  ? (int32_t)bytes_below(bytes, 6)
+                             : refinement < 3 ? -refinement
+                                              : 0;
     params.scatter_estimator =
         bytes_below(bytes, 16) == 0 ? bytes_below(bytes, 5) : bytes_below(bytes, 3);
     params.scatter_order_max = bytes_below(bytes, 4);

@@ -506,6 +506,38 @@ def test_small_rough_faces_stay_whole() -> None:
         assert flux == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    "mesh",
+    [box((-1.5, -0.4, -1.5), (1.5, 0.4, 1.5)), bumpy_sphere(4), rough_sphere(0.3)],
+    ids=["box", "bumpy", "rough"],
+)
+def test_coarse_tubes_keep_the_mean(mesh: Mesh) -> None:
+    """Below refinement 0 tubes are fewer where normals bend and shadows end, nowhere more, and
+    pictures less exact, not darker: walls through which light leaves are as fine as before."""
+
+    def build(scene: handles.Scene) -> None:
+        add_body(scene, mesh, Medium(1.5, 0.3, (0.01, 0.1, 0.6), 0.5))
+        add_point(scene, (-2.5, 4, 1.5), 100.0)
+        set_perspective(scene, (0, 3, 4.2), (0, -3, -4.2), (0, 1, 0), np.radians(46))
+
+    fine, *shots = (
+        render(build, 40, estimator=TUBES, tube_refinement=refinement, samples=2)
+        for refinement in (1, 0, -1, -2)
+    )
+    counts = [shot.report["light"]["tubes"] for shot in shots]
+    assert counts[2] <= counts[1] <= counts[0]
+    if mesh.normals is not None:
+        assert counts[2] < 0.6 * counts[0]
+    mask = fine.cover > 0
+    for shot in shots:
+        assert metrics.mean_ratio(shot.pixels, fine.pixels, mask) == pytest.approx(
+            np.ones(3), abs=3e-3
+        )
+        assert metrics.rel_rmse(shot.pixels, fine.pixels, mask) < 0.04
+        entered, expected = (image.report["light"]["flux_entered"] for image in (shot, fine))
+        assert entered == pytest.approx(expected, rel=4e-3)
+
+
 @pytest.mark.parametrize("bounces", [1, 2])
 @pytest.mark.parametrize(
     ("mesh", "refinement"),

@@ -365,6 +365,7 @@ static void bad_parameters_are_refused(void) {
     PARAMS_FAIL((p.crop_width = 1, p.crop_height = 1, p.crop_x = 16), bad, "crop");
     PARAMS_FAIL((p.crop_width = 2, p.crop_height = 2, p.crop_y = UINT32_MAX), bad, "crop");
     PARAMS_FAIL(p.tube_refinement = 5, AMB_INVALID_ARGUMENT, "tube_refinement");
+    PARAMS_FAIL(p.tube_refinement = -3, AMB_INVALID_ARGUMENT, "tube_refinement");
     PARAMS_FAIL(p.estimator = AMB_ESTIMATOR_SPECULAR + 1, AMB_UNSUPPORTED, "estimator");
     PARAMS_FAIL(p.estimator = 99, AMB_UNSUPPORTED, "estimator");
     PARAMS_FAIL(p.scatter_estimator = 99, AMB_INVALID_ARGUMENT, "scatter_estimator");

@@ -242,7 +242,7 @@ static void light_field_shrinks_to_fit(void) {
                     0.05);
 
         demo.params.memory_limit = 0;
-        demo.params.tube_refinement = (uint32_t)given_refinement;
+        demo.params.tube_refinement = (int32_t)given_refinement;
         demo.params.light_samples = given_samples * demo.params.light_samples / samples;
         Picture same = demo_render(&demo);
         ENSURE(picture_is_same(&part, &same));

@@ -226,7 +226,7 @@ class AmbRenderParams(Structure):
         ("seed", c_uint32),
         ("threads", c_uint32),
         ("film_transparent", c_uint32),
-        ("tube_refinement", c_uint32),
+        ("tube_refinement", c_int32),
         ("accuracy", c_float),
         ("scatter_estimator", c_uint32),
         ("scatter_order_max", c_uint32),

@@ -22,6 +22,8 @@ from .rows import POINTS, Missing, Setting
 KERNELS = tuple(2.0**k for k in range(-5, 7))
 FIRST_KERNEL = 4.0
 REFINEMENTS = (0, 1, 2, 3, 4)
+# Measured last: they are cheap, and no reference.
+COARSE_REFINEMENTS = (-1, -2)
 # Where an image from elsewhere is the reference, tubes need not be finer than this.
 REFINEMENT_MAX = 3
 # The kernel of points that are the reference: small, for little bias.
@@ -57,6 +59,7 @@ class Sweep(Bench):
             self._judge(row)
         if not self._is_tried("SPECULAR"):
             yield from self._specular(SPECULAR_SHARE)
+        yield from self._coarse_tubes()
         yield from self._sweep_points()
         yield from self._repeats()
         self.measurement = self._result()
@@ -132,6 +135,11 @@ class Sweep(Bench):
             if row is None:
                 return
             last.append(self.walls[setting])
+
+    def _coarse_tubes(self) -> Steps:
+        if Setting("TUBES") in self.rows and self._has_all_paths("TUBES"):
+            for refinement in COARSE_REFINEMENTS:
+                yield from self._measure(Setting("TUBES", tube_refinement=refinement))
 
     def _find_reference(self) -> Steps:
         given = self.options.reference

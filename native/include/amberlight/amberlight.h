@@ -330,11 +330,12 @@ typedef struct AmbRenderParams {
     uint32_t seed;
     uint32_t threads;           /* 0 = one for each processor */
     uint32_t film_transparent;  /* 1: the world seen directly has alpha 0 and no radiance */
-    uint32_t tube_refinement;   /* TUBES: each triangle is halved so many times along its edges,
-                                 * 0, 1, 2 .. 4 = 1, 4, 16 .. 256 tubes and more where it must */
+    int32_t tube_refinement;    /* TUBES: each triangle is halved so many times along its edges,
+                                 * 0, 1, 2 .. 4 = 1, 4, 16 .. 256 tubes and more where it must;
+                                 * -1, -2: more only where it must twice, four times as much */
     float accuracy;             /* > 0: target of the relative error of the picture (rel_rmse of
                                  * docs/accuracy.md). samples has then no effect; tube_refinement is
-                                 * where the search for fine enough tubes begins; that for volume
+                                 * where the search for fine enough tubes begins, at least 0; that for volume
                                  * samples goes from a 64th of light_samples to 16 times as many.
                                  * 0: fixed budgets */
     uint32_t scatter_estimator; /* AMB_SCATTER_* */

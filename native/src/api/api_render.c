@@ -8,7 +8,7 @@
 #include "render/render.h"
 #include "render/report.h"
 
-enum { IMAGE_SIZE_MAX = 1 << 16, TUBE_REFINEMENT_MAX = 4 };
+enum { IMAGE_SIZE_MAX = 1 << 16 };
 
 void amb_render_params_init(AmbRenderParams *params) {
     if (params != NULL)
@@ -37,9 +37,9 @@ static AmbStatus check_params(const AmbRenderParams *p) {
         return status_fail(AMB_INVALID_ARGUMENT, "samples and light_samples must be at least 1");
     if (p->light_samples > 1ull << 31)
         return status_fail(AMB_INVALID_ARGUMENT, "light_samples must be at most 2^31");
-    if (p->tube_refinement > TUBE_REFINEMENT_MAX)
-        return status_fail(AMB_INVALID_ARGUMENT, "tube_refinement is %u, must be 0 .. %d",
-                           p->tube_refinement, TUBE_REFINEMENT_MAX);
+    if (p->tube_refinement < TUBE_REFINEMENT_MIN || p->tube_refinement > TUBE_REFINEMENT_MAX)
+        return status_fail(AMB_INVALID_ARGUMENT, "tube_refinement is %d, must be %d .. %d",
+                           p->tube_refinement, TUBE_REFINEMENT_MIN, TUBE_REFINEMENT_MAX);
     if (p->scatter_estimator > AMB_SCATTER_TREE_CUT)
         return status_fail(AMB_INVALID_ARGUMENT, "scatter_estimator is %u, must be 0 .. %d",
                            p->scatter_estimator, AMB_SCATTER_TREE_CUT);

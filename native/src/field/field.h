@@ -7,17 +7,20 @@
 
 typedef struct Field Field;
 
+/* Of FieldParams. */
+enum { TUBE_REFINEMENT_MIN = -2, TUBE_REFINEMENT_MAX = 4 };
+
 typedef struct FieldParams {
-    uint32_t estimator;       /* AMB_ESTIMATOR_*, not AUTO; TUBES: with points for the light pass's
-                               * beams, which carry what tubes do not */
-    uint64_t sample_target;   /* points: volume samples to place, about */
-    float kernel_size;        /* points: C_k of [Liang19] eq. 8 */
-    uint32_t tube_refinement; /* tubes: each triangle is halved that many times along its edges */
-    uint32_t light_bounces;   /* tubes: internal reflections to follow */
-    uint32_t part_count;      /* points: parts that can be gathered one at a time; 0: one */
-    const bool *targets;      /* by object: those that have a field; NULL: all */
-    bool adjoint_normals;     /* tubes and specular: see BoundaryCrossing; points have it from the
-                               * light pass */
+    uint32_t estimator;      /* AMB_ESTIMATOR_*, not AUTO; TUBES: with points for the light pass's
+                              * beams, which carry what tubes do not */
+    uint64_t sample_target;  /* points: volume samples to place, about */
+    float kernel_size;       /* points: C_k of [Liang19] eq. 8 */
+    int32_t tube_refinement; /* tubes: see TubeParams */
+    uint32_t light_bounces;  /* tubes: internal reflections to follow */
+    uint32_t part_count;     /* points: parts that can be gathered one at a time; 0: one */
+    const bool *targets;     /* by object: those that have a field; NULL: all */
+    bool adjoint_normals;    /* tubes and specular: see BoundaryCrossing; points have it from the
+                              * light pass */
 } FieldParams;
 
 /* A straight stretch of a camera path inside one medium. */

@@ -370,7 +370,7 @@ bool plan_reduce_caustics(Plan *plan) {
 
 bool plan_reduce_field(Plan *plan) {
     const bool has_finer_tubes =
-        plan->estimator == AMB_ESTIMATOR_TUBES && plan->field.tube_refinement > 0;
+        plan->estimator == AMB_ESTIMATOR_TUBES && plan->field.tube_refinement > TUBE_REFINEMENT_MIN;
     const bool has_more_points =
         plan->has_points && plan->field.sample_target >= 4 * LIGHT_SAMPLES_MIN;
     if (has_finer_tubes)

@@ -15,7 +15,7 @@ static const uint64_t FIELD_BYTES_MAX = 2ull << 30;
 /* Volume samples from a 64th of those set to 16 times as many; three levels at least. */
 enum { POINTS_FIRST_SHIFT = 6, POINTS_LAST_SHIFT = 4, POINTS_FIRST_MIN = 1 << 12 };
 enum { POINTS_LEVELS_MIN = 3 };
-enum { TUBE_REFINEMENT_MAX = 4, TUBES_LEVELS_MIN = 2 };
+enum { TUBES_LEVELS_MIN = 2 };
 
 /* Measured on the scenes of docs/accuracy.md. */
 static const FieldPrior TUBES_PRIOR = {{2.8, 0.3}, 1.5, 4.5, 0.85};
@@ -85,11 +85,13 @@ static bool set_level(const Climb *climb, uint32_t level, uint64_t bytes_before)
     if (is_too_large || level >= FIELD_LEVEL_MAX)
         return false;
     if (climb->part == FIELD_PART_TUBES) {
-        /* So that there is one finer. */
-        const uint32_t first = render->params.tube_refinement < TUBE_REFINEMENT_MAX
-                                   ? render->params.tube_refinement
-                                   : TUBE_REFINEMENT_MAX - 1;
-        const uint32_t refinement = first + level;
+        /* So that there is one finer. Below 0 a fine mesh's tubes stay the same, and neighbouring
+         * levels would not tell each other's error. */
+        const int32_t asked = render->params.tube_refinement;
+        const int32_t first = asked < 0                     ? 0
+                              : asked < TUBE_REFINEMENT_MAX ? asked
+                                                            : TUBE_REFINEMENT_MAX - 1;
+        const int32_t refinement = first + (int32_t)level;
         if (refinement > TUBE_REFINEMENT_MAX)
             return false;
         render->plan.field.tube_refinement = refinement;

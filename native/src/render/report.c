@@ -310,7 +310,7 @@ void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t
     add(&text, "  \"samples\": %u,\n  \"width\": %u,\n  \"height\": %u,\n  \"threads\": %u,\n",
         used_samples(render), render->film.width, render->film.height, render->job.thread_count);
     add(&text,
-        "  \"light_samples\": %llu,\n  \"kernel_size\": %.9g,\n  \"tube_refinement\": %u,\n  "
+        "  \"light_samples\": %llu,\n  \"kernel_size\": %.9g,\n  \"tube_refinement\": %d,\n  "
         "\"seed\": %u,\n",
         (unsigned long long)(render->has_plan ? render->plan.field.sample_target
                                               : render->params.light_samples),

@@ -270,8 +270,8 @@ static Reflection plan_reflection(const Face *face, const Trail trails[3], uint3
     const float share = share_left(face, trails);
     const float ease = fminf(1.0f / sqrtf(share), EASE_MAX);
     const uint32_t spared = (uint32_t)log2f(fmaxf(ease, 1.0f)) + cutter->coarseness + bounce - 1;
-    const float scale = ease * ldexpf(1.0f, (int)(cutter->coarseness + bounce - 1) -
-                                                (int)cutter->params->refinement);
+    const float scale =
+        ease * ldexpf(1.0f, (int)(cutter->coarseness + bounce - 1) - cutter->params->refinement);
     return (Reflection){.face = face,
                         .bounce = bounce,
                         .angle = angle_between(trails),

@@ -16,7 +16,8 @@ enum {
     COARSE_HALVINGS = 16, /* at most of the area of a triangle too large for what happens in it */
     NEAR_HALVINGS = 40,   /* the same where a lamp is next to it */
     GAP_SURFACE_MAX = 8,  /* other things between leaving an object and coming back */
-    EDGE_LEVELS = 3       /* further quarterings where a shadow or a jump of the exit cuts a tube */
+    EDGE_LEVELS = 3       /* further quarterings where a shadow or a jump of the exit cuts a tube,
+                           * one less for each refinement below 0 */
 };
 
 /* A spot's cone is covered by at least some tubes across, however large the triangle. */
@@ -255,19 +256,20 @@ static float light_share(const Face *face, const Corner corners[3], float area) 
     if (!(reaching > 0.0f))
         return INFINITY;
     const float flux = fmaxf(fmaxf(corners[0].flux, corners[1].flux), corners[2].flux);
-    return area * flux / reaching * ldexpf(1.0f, 2 * (int)face->cutter->params->refinement);
+    return area * flux / reaching * ldexpf(1.0f, 2 * face->cutter->params->refinement);
 }
 
 static bool is_coarse(const Face *face, const Corner corners[3], float area) {
     const Cutter *cutter = face->cutter;
-    const float share = ldexpf(1.0f, -(int)cutter->params->refinement);
+    const float share = ldexpf(1.0f, -cutter->params->refinement);
     const float radius = cutter->scene->objects[cutter->object].radius;
     const Vec3 x[3] = {corners[0].x, corners[1].x, corners[2].x};
     const Vec3 w[3] = {corners[0].w, corners[1].w, corners[2].w};
     const float size = tube_largest_difference(x), angle = tube_largest_difference(w);
     const float ease2 =
         fmaxf(WIDE_SHARE / fmaxf(light_share(face, corners, area), SHARE_TINY), 1.0f);
-    return size > TUBE_SIZE_SHARE_MAX * share * radius ||
+    /* What flat faces refract is linear however large they are; what leaves them is not. */
+    return size > TUBE_SIZE_SHARE_MAX * fminf(share, 1.0f) * radius ||
            angle > TUBE_ANGLE_MAX * share * sqrtf(ease2) || misses_spot(face, corners, size);
 }
 
@@ -279,7 +281,7 @@ static bool is_near_lamp(const Face *face, const Corner corners[3]) {
     const Vec3 x[3] = {corners[0].x, corners[1].x, corners[2].x};
     if (misses_spot(face, corners, tube_largest_difference(x)))
         return true;
-    const float share = ldexpf(1.0f, -(int)face->cutter->params->refinement);
+    const float share = ldexpf(1.0f, -face->cutter->params->refinement);
     float distance = INFINITY;
     for (int k = 0; k < 3; ++k)
         distance = fminf(distance, vec3_length(vec3_sub(x[k], face->light->position)));
@@ -385,10 +387,12 @@ static AmbStatus cut(const Face *face, const Corner corners[3], uint32_t halving
     const float area = face->area * ldexpf(1.0f, -(int)halvings);
     const bool is_near =
         halvings >= COARSE_HALVINGS && halvings < NEAR_HALVINGS && is_near_lamp(face, corners);
-    bool divides = halvings < 2 * face->cutter->params->refinement ||
+    const int32_t refinement = face->cutter->params->refinement;
+    const int32_t edges_max = refinement < 0 ? EDGE_LEVELS + refinement : EDGE_LEVELS;
+    bool divides = (int32_t)halvings < 2 * refinement ||
                    (halvings < COARSE_HALVINGS && is_coarse(face, corners, area)) || is_near;
     const int across = divides ? edge_of_sliver(corners, area) : -1;
-    if (!divides && edges < EDGE_LEVELS && is_cut(corners) &&
+    if (!divides && (int32_t)edges < edges_max && is_cut(corners) &&
         light_share(face, corners, area) > EDGE_SHARE) {
         divides = true;
         ++edges;
@@ -555,7 +559,7 @@ static AmbStatus build_tree(const Cutter *cutter, const TreeGroup *group, TubeFi
         tube_tree_build(tubes, count, &properties, body->center, body->radius, cutter->job, tree);
     memory_free(tubes);
     AMB_TRY(status);
-    tree->bend_max = ldexpf(BEND_MAX, -(int)cutter->params->refinement);
+    tree->bend_max = ldexpf(BEND_MAX, -cutter->params->refinement);
     out_tubes->tube_count += count;
     ++out_tubes->tree_count;
     return AMB_OK;

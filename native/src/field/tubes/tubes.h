@@ -17,7 +17,8 @@
 #include "field/tubes/tube_tree.h"
 
 typedef struct TubeParams {
-    uint32_t refinement;  /* each triangle is halved that many times along its edges */
+    int32_t refinement;   /* each triangle is halved that many times along its edges, and limits
+                           * on what a tube may be are; below 0 they double, but for size */
     uint32_t bounces;     /* internal reflections to follow */
     bool adjoint_normals; /* see BoundaryCrossing */
 } TubeParams;
