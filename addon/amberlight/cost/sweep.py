@@ -137,7 +137,8 @@ class Sweep(Bench):
             last.append(self.walls[setting])
 
     def _coarse_tubes(self) -> Steps:
-        if Setting("TUBES") in self.rows and self._has_all_paths("TUBES"):
+        is_missing = "TUBES" in {item.what for item in self.missing}
+        if self._is_tried("TUBES") and not is_missing and self._has_all_paths("TUBES"):
             for refinement in COARSE_REFINEMENTS:
                 yield from self._measure(Setting("TUBES", tube_refinement=refinement))
 
