@@ -10,6 +10,7 @@
 #include "field/scatter/lobe.h"
 #include "field/scatter/scatter.h"
 #include "field/scatter/scatter_cells.h"
+#include "light/light_batch.h"
 #include "shapes.h"
 #include "test.h"
 
@@ -142,6 +143,24 @@ static ScatterRadiance mean_radiance(const AmbScene *scene, const Scatter *scatt
 
 static Rgb total_of(const ScatterRadiance *radiance) {
     return rgb_add(rgb_add(radiance->once, radiance->twice), radiance->more);
+}
+
+/* ---- Photons' starts ------------------------------------------------------------------------- */
+
+/* Where no lamp has any power, or more than numbers hold, each gets as many rays. */
+static void rays_are_shared_among_dark_lamps(void) {
+    static const double powers[3] = {0.0, (double)INFINITY, (double)NAN};
+    for (int i = 0; i < 3; ++i) {
+        LightBatch batches[4];
+        memset(batches, 0, sizeof batches);
+        for (int b = 0; b < 4; ++b)
+            batches[b].power = powers[i];
+        light_batches_share(batches, 4, 1000);
+        for (int b = 0; b < 4; ++b) {
+            ENSURE_NEAR(batches[b].emission.count, 250, 0);
+            ENSURE_NEAR(batches[b].first, 250 * b, 0);
+        }
+    }
 }
 
 /* ---- Cells ----------------------------------------------------------------------------------- */
@@ -361,6 +380,7 @@ void test_scatter(void);
 void test_scatter(void) {
     RUN(addition_theorem);
     RUN(lobes_are_positive);
+    RUN(rays_are_shared_among_dark_lamps);
     RUN(depths_of_a_sphere);
     RUN(volumes_of_a_sphere);
     RUN(volumes_of_a_box);

@@ -2,6 +2,8 @@
  * Rays of one light towards one object. */
 #include "light/light_batch.h"
 
+#include <math.h>
+
 bool light_batch_aim(const AmbScene *scene, const SceneLight *light, uint32_t object, Rng rng,
                      LightBatch *out_batch) {
     const SceneObject *shape = &scene->objects[object];
@@ -37,7 +39,8 @@ void light_batches_share(LightBatch *batches, uint64_t batch_count, uint64_t ray
     uint64_t first = 0;
     for (uint64_t b = 0; b < batch_count; ++b) {
         LightBatch *batch = &batches[b];
-        running += 0.5 * batch->power / total + 0.5 / (double)batch_count;
+        const double even = 1.0 / (double)batch_count;
+        running += total > 0.0 && isfinite(total) ? 0.5 * batch->power / total + 0.5 * even : even;
         uint64_t end = (uint64_t)((double)ray_count * running);
         if (b + 1 == batch_count)
             end = ray_count;
