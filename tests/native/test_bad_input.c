@@ -508,6 +508,15 @@ static void camera_and_lights_in_odd_places(void) {
 }
 
 /* Embree's assertions end the process over a ray from beyond its bound of 1.8e18. */
+/* A focus nearer to the lens than coordinates can tell: every ray runs along the lens. */
+static void focus_within_the_lens(void) {
+    Demo demo = small_demo();
+    demo.camera.lens_radius = 0.1f;
+    demo.camera.focus_distance = 1e-20f;
+    check_demo(&demo, "a focus within the lens");
+    demo_free(&demo);
+}
+
 static void camera_beyond_all_coordinates(void) {
     static const float places[] = {1e18f, 1e19f, 3e38f};
     for (size_t i = 0; i < sizeof places / sizeof places[0]; ++i)
@@ -637,6 +646,7 @@ void test_bad_input(void) {
     RUN(extreme_parameters);
     RUN(extreme_media);
     RUN(camera_and_lights_in_odd_places);
+    RUN(focus_within_the_lens);
     RUN(camera_beyond_all_coordinates);
     RUN(more_nested_objects_than_fit);
     RUN(overlapping_objects);

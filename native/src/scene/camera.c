@@ -30,11 +30,12 @@ CameraRay camera_ray(const SceneCamera *camera, float x, float y, Sample2 lens) 
         d = vec3d_madd(vec3d_madd(d, px, right), py, up);
     }
     if (camera->lens_radius > 0.0f) {
-        const Vec3d focus = vec3d_madd(origin, (double)camera->focus_distance, d);
         const Sample2 disc = sample_disc(lens);
-        origin = vec3d_madd(origin, (double)(camera->lens_radius * disc.u), right);
-        origin = vec3d_madd(origin, (double)(camera->lens_radius * disc.v), up);
-        d = vec3d_sub(focus, origin);
+        const Vec3d aside = vec3d_madd(vec3d_scale(right, (double)(camera->lens_radius * disc.u)),
+                                       (double)(camera->lens_radius * disc.v), up);
+        origin = vec3d_add(origin, aside);
+        /* To the focus, which may be far nearer than what the origin's digits tell. */
+        d = vec3d_sub(vec3d_scale(d, (double)camera->focus_distance), aside);
     }
     d = vec3d_scale(d, 1.0 / vec3d_length(d));
     const double cos_axis = vec3d_dot(d, forward);
