@@ -346,6 +346,35 @@ static void limit_that_is_too_low_is_one_sentence(void) {
     demo_free(&demo);
 }
 
+/* A scene is placed before any render says what it may take: it keeps to what the machine has. */
+static void scene_beyond_the_machine_is_one_sentence(void) {
+    Demo demo = demo_create();
+    AmbScene *scene = demo_scene(&demo);
+    const uint64_t held = memory_held();
+    AmbErrorInfo info;
+    uint32_t refused = 0;
+    AmbStatus status = AMB_OUT_OF_MEMORY;
+    for (uint64_t room = 0; status != AMB_OK && refused < 1000; room += 512) {
+        memory_pretend_machine((held + room) / 7 * 8);
+        status = amb_scene_commit(scene);
+        amb_last_error(&info);
+        if (status == AMB_OK)
+            break;
+        ++refused;
+        test_check(status == AMB_OUT_OF_MEMORY && strstr(info.message, "the machine has") != NULL,
+                   __FILE__, __LINE__, "%s: %s", amb_status_name(status), info.message);
+        ENSURE_NEAR(memory_held(), held, 0);
+    }
+    memory_pretend_machine(0);
+    ENSURE(refused > 3 && refused < 1000);
+    Picture picture;
+    ENSURE_STATUS(picture_render(scene, &demo.params, &picture), AMB_OK);
+    picture_check(&picture, "a scene that was refused before");
+    picture_free(&picture);
+    amb_scene_destroy(scene);
+    demo_free(&demo);
+}
+
 /* ---- Cancelling, and several at once --------------------------------------------------------- */
 
 static void sleep_for(double seconds) {
@@ -688,6 +717,7 @@ void test_faults(void) {
     RUN(later_orders_shrink_to_fit);
     RUN(target_keeps_to_the_limit);
     RUN(limit_that_is_too_low_is_one_sentence);
+    RUN(scene_beyond_the_machine_is_one_sentence);
     RUN(cancel_at_any_moment);
     RUN(viewports_beside_a_final_render);
     RUN(disk_that_is_full_leaves_no_file);

@@ -37,7 +37,15 @@ uint64_t memory_held(void) {
     return bytes > 0 ? (uint64_t)bytes : 0;
 }
 
+static atomic_uint_least64_t pretended;
+
+void memory_pretend_machine(uint64_t bytes) {
+    atomic_store(&pretended, bytes);
+}
+
 uint64_t memory_of_machine(void) {
+    if (atomic_load(&pretended) > 0)
+        return atomic_load(&pretended);
     const long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
     return pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size : UINT64_MAX;
 }

@@ -45,6 +45,9 @@ uint64_t memory_of_machine(void); /* bytes */
 /* Counts one allocation that another library makes for us, and whether it has to fail. */
 bool memory_must_fail(void);
 
+/* Tests: what memory_of_machine says from now on; 0: the truth. */
+void memory_pretend_machine(uint64_t bytes);
+
 /* Tests: the n-th allocation from now on (0 = the next) fails, once; negative: none does. */
 void memory_fail_after(int64_t n);
 /* The same for the n-th and all that follow. */

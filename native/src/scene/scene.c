@@ -322,9 +322,7 @@ static void place_camera(AmbScene *scene) {
     scene->camera.target_radius = scene->radius;
 }
 
-AmbStatus scene_commit(AmbScene *scene) {
-    if (!scene->has_camera)
-        return status_fail(AMB_INVALID_ARGUMENT, "the scene has no camera");
+static AmbStatus place_all(AmbScene *scene) {
     AmbStatus status = AMB_OK;
     for (uint32_t i = 0; i < scene->mesh_count && status == AMB_OK; ++i)
         status = drop_duplicates(&scene->meshes[i]);
@@ -345,8 +343,30 @@ AmbStatus scene_commit(AmbScene *scene) {
     for (uint32_t i = 0; i < scene->light_count; ++i)
         scene->lights[i].position = moved(scene->lights[i].position, origin);
     place_camera(scene);
-    scene->is_committed = true;
     return AMB_OK;
+}
+
+AmbStatus scene_commit(AmbScene *scene) {
+    if (!scene->has_camera)
+        return status_fail(AMB_INVALID_ARGUMENT, "the scene has no camera");
+    /* What a render may take is not known yet: nearly all that the machine has, so that it does not
+     * begin to swap. */
+    const uint64_t machine = memory_of_machine();
+    MemoryLimit limit = {.bytes = machine - machine / 8};
+    atomic_init(&limit.refused, 0);
+    memory_set_limit(&limit);
+    AmbStatus status = place_all(scene);
+    memory_set_limit(NULL);
+    const uint64_t wanted = atomic_load(&limit.refused);
+    if (status == AMB_OUT_OF_MEMORY && wanted > 0) {
+        AmbErrorInfo info;
+        status_copy_record(&info);
+        status = status_fail(
+            status, "%.130s: it makes %llu MiB in all, and the machine has %llu MiB", info.message,
+            (unsigned long long)(wanted >> 20), (unsigned long long)(machine >> 20));
+    }
+    scene->is_committed = status == AMB_OK;
+    return status;
 }
 
 void scene_set_camera(AmbScene *scene, const SceneCamera *camera) {
@@ -505,7 +525,10 @@ SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit) {
     SurfacePoint surface;
     const Hit inner = inside_edges(hit);
     surface.p = interpolate(triangle.p, &inner);
-    surface.ng = vec3_normalize(vec3_cross(e1, e2));
+    /* A face without area has none: vec3_is_finite tells. */
+    const Vec3 area = vec3_cross(e1, e2);
+    const float size = vec3_length(area);
+    surface.ng = vec3_scale(area, size > 0.0f ? 1.0f / size : NAN);
     if (object->is_flipped)
         surface.ng = vec3_negate(surface.ng);
     surface.ns = surface.ng;
