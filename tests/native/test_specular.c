@@ -127,10 +127,10 @@ static bool walter_solve(const SpecularFace *face, Vec3d x, double *u, double *v
         const double aa = vec3d_dot(a, a), ab = vec3d_dot(a, b), bb = vec3d_dot(b, b);
         const double fa = vec3d_dot(f, a), fb = vec3d_dot(f, b), det = aa * bb - ab * ab;
         const double du = -(fa * bb - fb * ab) / det, dv = -(fb * aa - fa * ab) / det;
-        const double scale = fmin(1.0, 0.1 / hypot(du, dv));
+        const double length = hypot(du, dv), scale = length > 0.1 ? 0.1 / length : 1.0;
         *u += scale * du;
         *v += scale * dv;
-        if (hypot(du, dv) < 1e-10)
+        if (length < 1e-10)
             return vec3d_length(half_vector(face, *u, *v, x)) < 1e-8;
     }
     return false;

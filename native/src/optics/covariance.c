@@ -98,13 +98,18 @@ static void turn(Covariance *sigma, int i, int j, double sin_phi, double cos_phi
 
 /* ---- Sources --------------------------------------------------------------------------------- */
 
+/* 0 has no end of them: a point has every frequency. */
+static double reciprocal(double x) {
+    return x > 0.0 ? 1.0 / x : (double)INFINITY;
+}
+
 Covariance covariance_gaussian(double s_x, double s_y, double s_u, double s_v) {
     assert(s_x >= 0.0 && s_y >= 0.0 && s_u >= 0.0 && s_v >= 0.0);
     Covariance sigma = {{0.0}};
-    sigma.c[COVARIANCE_XX] = 1.0 / (FOUR_PI_2 * square(s_x));
-    sigma.c[COVARIANCE_YY] = 1.0 / (FOUR_PI_2 * square(s_y));
-    sigma.c[COVARIANCE_UU] = 1.0 / (FOUR_PI_2 * square(s_u));
-    sigma.c[COVARIANCE_VV] = 1.0 / (FOUR_PI_2 * square(s_v));
+    sigma.c[COVARIANCE_XX] = reciprocal(FOUR_PI_2 * square(s_x));
+    sigma.c[COVARIANCE_YY] = reciprocal(FOUR_PI_2 * square(s_y));
+    sigma.c[COVARIANCE_UU] = reciprocal(FOUR_PI_2 * square(s_u));
+    sigma.c[COVARIANCE_VV] = reciprocal(FOUR_PI_2 * square(s_v));
     return sigma;
 }
 
@@ -258,8 +263,8 @@ void covariance_hg_variance(double g, double cos_theta, double *out_in_plane, do
     const double d = 1.0 + square(g) - 2.0 * g * cos_theta;
     const double across = -3.0 * g * cos_theta / d;
     const double in_plane = across + 15.0 * square(g) * (1.0 - square(cos_theta)) / square(d);
-    *out_in_plane = 1.0 / fabs(in_plane);
-    *out_across = 1.0 / fabs(across);
+    *out_in_plane = reciprocal(fabs(in_plane));
+    *out_across = reciprocal(fabs(across));
 }
 
 void covariance_scatter_hg(Covariance *sigma, double g, double cos_theta) {

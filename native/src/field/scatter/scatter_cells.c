@@ -164,15 +164,15 @@ static void measure_step(const Measure *measure, Vec3 p, Vec3 step, float volume
     uint32_t layer = scatter_layer_at(cells, low);
     for (; layer < cells->layer_count && cells->layers[layer] <= high; ++layer) {
         float from = 0.0f, to = 1.0f; /* of the step, lower depths first */
-        const float x0 = (cells->layers[layer] - depths[0]) / range;
-        const float x1 = (cells->layers[layer + 1] - depths[0]) / range;
+        const float top = cells->layers[layer] - depths[0];
+        const float bottom = cells->layers[layer + 1] - depths[0];
         /* What reaches above the boundary by the grid's errors belongs to the first layer. */
         if (range > 0.0f) {
-            from = layer > 0 ? fmaxf(x0, 0.0f) : 0.0f;
-            to = fminf(x1, 1.0f);
+            from = layer > 0 ? fmaxf(top / range, 0.0f) : 0.0f;
+            to = fminf(bottom / range, 1.0f);
         } else if (range < 0.0f) {
-            from = fmaxf(x1, 0.0f);
-            to = layer > 0 ? fminf(x0, 1.0f) : 1.0f;
+            from = fmaxf(bottom / range, 0.0f);
+            to = layer > 0 ? fminf(top / range, 1.0f) : 1.0f;
         }
         if (to > from)
             measure_part(measure, vec3_madd(p, 0.5f * (from + to), step), layer,

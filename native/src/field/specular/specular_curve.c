@@ -113,7 +113,8 @@ static CurvePoint edge_root(const Search *search, const CurveNode *a, const Curv
             low = x;
         else
             high = x;
-        double next = x - point.f / (point.f_u * du + point.f_v * dv);
+        const double slope = point.f_u * du + point.f_v * dv;
+        double next = slope != 0.0 ? x - point.f / slope : low;
         if (!(next > low && next < high) || i >= NEWTON_MAX)
             next = 0.5 * (low + high);
         const double least = least_step(EDGE_STEP_MIN, &point);
