@@ -250,7 +250,7 @@ static AmbRenderParams any_params(Story *story) {
     params.scatter_order_max = bytes_below(bytes, 4);
     params.effects_are_auto = bytes_below(bytes, 2);
     /* Tubes are cut until they meet it: what bounds the time of a story, mostly. */
-    params.memory_limit = 16u << 20;
+    params.memory_limit = 24u << 20;
     if (bytes_below(bytes, 8) == 0) {
         params.crop_x = bytes_below(bytes, SIDE_MAX);
         params.crop_y = bytes_below(bytes, SIDE_MAX);

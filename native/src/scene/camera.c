@@ -16,6 +16,9 @@ static double way_to_objects(const SceneCamera *camera, Vec3d o, Vec3d d) {
     return radius > 0.0 && way > FAR_SHARE * radius ? way : 0.0;
 }
 
+/* To the axis; wider rays are no cosine that doubles know. */
+static const double COS_AXIS_MIN = 1e-12;
+
 CameraRay camera_ray(const SceneCamera *camera, float x, float y, Sample2 lens) {
     const float *w = camera->window;
     const double px = (double)(w[0] + x * (w[1] - w[0]));
@@ -38,7 +41,8 @@ CameraRay camera_ray(const SceneCamera *camera, float x, float y, Sample2 lens) 
         d = vec3d_sub(vec3d_scale(d, (double)camera->focus_distance), aside);
     }
     d = vec3d_scale(d, 1.0 / vec3d_length(d));
-    const double cos_axis = vec3d_dot(d, forward);
+    /* Along the lens itself, where rounding decides, clipping planes are far but somewhere. */
+    const double cos_axis = fmax(vec3d_dot(d, forward), COS_AXIS_MIN);
     const double start = (double)camera->clip_start / cos_axis;
     const double end = (double)camera->clip_end / cos_axis;
     const Vec3d near = vec3d_madd(origin, start, d);
