@@ -334,10 +334,10 @@ typedef struct AmbRenderParams {
                                  * 0, 1, 2 .. 4 = 1, 4, 16 .. 256 tubes and more where it must;
                                  * -1, -2: more only where it must twice, four times as much */
     float accuracy;             /* > 0: target of the relative error of the picture (rel_rmse of
-                                 * docs/accuracy.md). samples has then no effect; tube_refinement is
-                                 * where the search for fine enough tubes begins, at least 0; that for
-                                 * volume samples goes from a 64th of light_samples to 16 times as
-                                 * many. 0: fixed budgets */
+                                 * docs/accuracy.md). samples has then no effect; tube_refinement,
+                                 * at least 0, is where the search for fine enough tubes begins;
+                                 * that for volume samples goes from a 64th of light_samples to 16
+                                 * times as many. 0: fixed budgets */
     uint32_t scatter_estimator; /* AMB_SCATTER_* */
     uint32_t scatter_order_max; /* scatterings after which light is left out; 0: no limit */
     uint32_t effects_are_auto;  /* 1: of the effects named those that would not show are left out;
