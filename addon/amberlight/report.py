@@ -40,6 +40,8 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
         )
     lines += accuracy_lines(report.get("accuracy", {}))
     lines += effect_lines(report)
+    if "cpu_s" in report.get("plan", {}):
+        lines.append(f"choice of effects: {report['plan']['cpu_s']:.2g} CPU s of the scene's")
     for stage in report.get("stages", ()):
         lines.append(f"{stage['name']}: {stage['wall_s']:.2f} s ({stage['cpu_s']:.2f} CPU s)")
     memory = report.get("memory", {})
@@ -73,8 +75,13 @@ def share_text(share: dict[str, float] | None) -> str:
     return f"; share {percent(share['value'])}, {bounds}"
 
 
+def cost_text(seconds: float | None) -> str:
+    return f"; {seconds:.2g} CPU s" if seconds is not None else ""
+
+
 def effect_lines(report: dict[str, Any]) -> list[str]:
-    """Each effect: simulated or skipped, why, its share; and objects that differ from the rest."""
+    """Each effect: simulated or skipped, why, its share, its time; and objects that differ from the
+    rest, and how the camera's time is divided among several."""
     lines = []
     for effect in report.get("effects", ()):
         name = str(effect["name"]).replace("_", " ")
@@ -84,7 +91,14 @@ def effect_lines(report: dict[str, Any]) -> list[str]:
         reason = f", {effect['reason']}" if effect.get("reason") else ""
         measured = effect.get("measured")
         shown = f"; measured {percent(measured)}" if measured is not None else ""
-        lines.append(f"{name}: {done}{reason}{share_text(effect.get('share'))}{shown}")
+        cost = cost_text(effect.get("cpu_s"))
+        lines.append(f"{name}: {done}{reason}{share_text(effect.get('share'))}{shown}{cost}")
+        costs = [
+            f"    {item['name']}{cost_text(item['camera_cpu_s'])} by the camera"
+            for item in effect.get("objects", ())
+            if item.get("camera_cpu_s")
+        ]
+        lines += costs if len(costs) > 1 else []
         lines += [
             f"    {item['name']}: skipped{share_text(item.get('share'))}"
             for item in effect.get("objects", ())
@@ -121,14 +135,22 @@ def accuracy_lines(accuracy: dict[str, Any]) -> list[str]:
     """The error that the render states of itself, and what keeps it above its target."""
     parts = [
         f"{name} {percent(accuracy[key])}"
-        for key, name in (("noise", "noise"), ("field", "light field"), ("scatter", "photons"))
-        if accuracy.get(key) is not None and (key != "scatter" or accuracy[key] > 0)
+        for key, name in (
+            ("noise", "noise"),
+            ("field", "light field"),
+            ("scatter", "photons"),
+            ("caustics", "caustics"),
+        )
+        if accuracy.get(key) is not None
+        and (key not in ("scatter", "caustics") or accuracy[key] > 0)
     ]
     if not parts:
         return []
     if accuracy.get("stated") is None:
         return [f"error: {', '.join(parts)}; of the light field not estimated"]
     line = f"error: {percent(accuracy['stated'])}"
+    if accuracy.get("pixels") == "objects and caustics":
+        line += " with caustics beside objects"
     if accuracy.get("target"):
         line += f" of {percent(accuracy['target'])}"
     line += f" ({', '.join(parts)})"

@@ -181,6 +181,49 @@ def test_clear_glass_casts_no_shadow_in_an_even_world() -> None:
     assert measured.mean() == pytest.approx(np.pi, rel=3e-3)
 
 
+def test_report_says_what_effects_take() -> None:
+    """Time is booked where something happens, each moment once; the shares of caustics and time
+    are there for what is simulated and for nothing else."""
+
+    def build(scene: Any) -> None:  # noqa: ANN401
+        add_sun(scene, (0.2, 0, -1), 1.0)
+        add_body(scene, raised(icosphere(3), 1.6), Medium(1.5, 0.4, 0.1))
+        add_floor(scene, 3.0)
+        set_orthographic(scene, (0, -5, 4), (0, 1, -0.7), (0, 0, 1), 4.0)
+
+    effects = (
+        CAUSTICS
+        | ffi.AMB_EFFECT_SINGLE_SCATTERING
+        | ffi.AMB_EFFECT_DOUBLE_SCATTERING
+        | ffi.AMB_EFFECT_BACKGROUND
+    )
+    report = render(
+        build, 64, effects=effects, camera_bounces=1, samples=16, light_samples=2**14
+    ).report
+    costs = {effect["name"]: effect for effect in report["effects"]}
+    simulated = (
+        "single scattering",
+        "double scattering",
+        "camera-side internal reflection",
+        "background through objects",
+        "caustics on opaque surfaces",
+        "light through objects onto opaque surfaces",
+    )
+    for name, effect in costs.items():
+        if name in simulated:
+            assert effect["cpu_s"] > 0, name
+        else:
+            assert effect["cpu_s"] is None, name
+    assert 0.1 < costs["caustics on opaque surfaces"]["measured"]
+    total = sum(costs[name]["cpu_s"] for name in simulated)
+    assert total < sum(stage["cpu_s"] for stage in report["stages"])
+    camera = next(stage for stage in report["stages"] if stage["name"] == "camera")["cpu_s"]
+    inside = [costs[name]["objects"][0]["camera_cpu_s"] for name in simulated]
+    assert all(seconds > 0 for seconds in inside[:4]) and sum(inside) < camera
+    # What is found behind an object is its way's, with the caustics that are seen there.
+    assert costs["caustics on opaque surfaces"]["cpu_s"] > inside[4] > 0
+
+
 def test_resin_glows_on_the_floor() -> None:
     """What scatters once in a thin ball of index 1 reaches the floor below as from a small lamp of
     its power: sigma_s times the integral of the sun over the ball, without extinction."""

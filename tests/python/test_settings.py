@@ -147,10 +147,37 @@ def test_plan_lines():
             ["error: 0.4 % of 0.1 % (noise 0.2 %, light field 0.35 %), target not reached; "
              "light field: no more"],
         ),
+        (
+            {"target": 0.01, "stated": 0.008, "noise": 0.006, "field": 0.0, "scatter": 0.0,
+             "caustics": 0.005, "pixels": "objects and caustics", "reached": True},
+            ["error: 0.8 % with caustics beside objects of 1 % (noise 0.6 %, light field 0 %, "
+             "caustics 0.5 %)"],
+        ),
     ],
 )  # fmt: skip
 def test_accuracy_lines(accuracy, want):
     assert reports.summary_lines({"accuracy": accuracy}) == want
+
+
+def test_effects_tell_their_time():
+    bead = {"name": "bead", "simulated": True, "camera_cpu_s": 0.25}
+    statue = {"name": "statue", "simulated": True, "camera_cpu_s": 1.5}
+    report = {
+        "plan": {"cpu_s": 0.5},
+        "effects": [
+            {"name": "single scattering", "simulated": True, "measured": 0.3, "cpu_s": 2.0,
+             "objects": [statue, bead]},
+            {"name": "caustics", "simulated": True, "measured": 0.1, "cpu_s": 1.0,
+             "objects": [statue]},
+        ],
+    }  # fmt: skip
+    assert reports.summary_lines(report) == [
+        "single scattering: simulated; measured 30 %; 2 CPU s",
+        "    statue; 1.5 CPU s by the camera",
+        "    bead; 0.25 CPU s by the camera",
+        "caustics: simulated; measured 10 %; 1 CPU s",
+        "choice of effects: 0.5 CPU s of the scene's",
+    ]
 
 
 def test_joined_warning():

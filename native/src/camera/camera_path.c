@@ -31,9 +31,11 @@ static void pass_medium(Walker *walker, Branch *branch, float length) {
     const float gathers = is_wanted ? walker_gathers(walker, branch->throughput) : 0.0f;
     if (gathers > 0.0f) {
         const Rgb throughput = rgb_scale(branch->throughput, gathers);
+        const LedgerEntry before = ledger_open(&walker->clock, LEDGER_SINGLE);
         const FieldRadiance gathered = walker->has_frequency
                                            ? field_gather_frequency(walker->field, &segment)
                                            : field_gather(walker->field, &segment);
+        ledger_close(&walker->clock, before);
         CameraSample *out = walker->out;
         const Rgb single = rgb_mul(throughput, gathered.radiance);
         out->orders[0] = rgb_add(out->orders[0], single);
@@ -122,7 +124,31 @@ static void follow_boundary(Walker *walker, const Branch *branch,
     }
 }
 
+/* Whose time a branch takes. */
+static LedgerEntry way_entry(const CameraWay *way) {
+    if (way->bounces > 0)
+        return LEDGER_BOUNCES;
+    if ((way->effects & AMB_EFFECT_SURFACE_REFLECTION) != 0)
+        return LEDGER_REFLECTION;
+    return (way->effects & AMB_EFFECT_BACKGROUND) != 0 ? LEDGER_BACKGROUND : LEDGER_RAYS;
+}
+
+static void follow_arrival(Walker *walker, Branch branch);
+
 static void follow(Walker *walker, Branch branch) {
+    LedgerClock *clock = &walker->clock;
+    if (clock->ledger == NULL) {
+        follow_arrival(walker, branch);
+        return;
+    }
+    const LedgerEntry entry = clock->entry;
+    const uint32_t object = clock->object;
+    ledger_switch(clock, way_entry(&branch.way), branch.way.object);
+    follow_arrival(walker, branch);
+    ledger_switch(clock, entry, object);
+}
+
+static void follow_arrival(Walker *walker, Branch branch) {
     const AmbScene *scene = walker->scene;
     const bool is_inside = branch.stack.count > 0;
     BoundaryArrival arrival;
@@ -189,7 +215,12 @@ static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
                      .out = &sample,
                      .observer = observer,
                      .part = choose_part(params, pixel_rng, index),
-                     .has_frequency = has_frequency};
+                     .has_frequency = has_frequency,
+                     .clock = {.object = UINT32_MAX}};
+    if (params->ledger != NULL && walker.rng.key % LEDGER_PERIOD == 0) {
+        walker.clock.ledger = params->ledger;
+        walker.clock.since = clock_thread_cpu();
+    }
     const Sample2 lens = walker_random2(&walker);
     const CameraRay ray = camera_ray(&scene->camera, ((float)x + jitter.u) / (float)params->width,
                                      ((float)y + jitter.v) / (float)params->height, lens);
@@ -200,6 +231,8 @@ static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
                              .way = {.object = UINT32_MAX},
                              .stack = params->may_start_inside ? scene_media_at(scene, ray.o)
                                                                : (MediumStack){.count = 0}});
+    if (walker.clock.ledger != NULL)
+        ledger_switch(&walker.clock, LEDGER_RAYS, UINT32_MAX);
     if (sample.depth != CAMERA_DEPTH_NONE)
         sample.depth = ray.depth_o + sample.depth * ray.cos_axis;
     return sample;

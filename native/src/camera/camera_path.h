@@ -3,6 +3,7 @@
 #ifndef AMB_CAMERA_CAMERA_PATH_H
 #define AMB_CAMERA_CAMERA_PATH_H
 
+#include "camera/ledger.h"
 #include "field/caustics/caustics.h"
 #include "field/scatter/scatter.h"
 
@@ -35,6 +36,7 @@ typedef struct CameraParams {
     uint32_t replicas;      /* independent sequences that cover a pixel in turn, >= 1: one is more
                              * even, and between two the difference tells the error of their mean */
     const Scatter *scatter; /* later orders and what scatters of the surroundings; NULL: by walks */
+    Ledger *ledger;         /* of the samples' time; NULL: none is timed */
     const Job *job;         /* a long walk ends where it is cancelled; NULL: never */
 } CameraParams;
 

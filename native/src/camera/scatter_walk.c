@@ -280,6 +280,17 @@ static bool is_lost(const Walk *walk) {
     return vec3_dot(from, from) > reach * reach;
 }
 
+/* Whose time the walk takes. */
+static LedgerEntry walk_entry(const Walk *walk) {
+    const CameraParams *params = walk->walker->params;
+    /* Photons bring all later orders at once. */
+    if (params->scatter == NULL && walk->order <= 1 && wants_order(params, 2))
+        return LEDGER_DOUBLE;
+    if (wants_order(params, 3))
+        return LEDGER_MULTIPLE;
+    return wants_order(params, 2) ? LEDGER_DOUBLE : LEDGER_WORLD_LIGHT;
+}
+
 /* One segment and what follows it. False: the walk has ended. */
 static bool step(Walk *walk) {
     const Walker *walker = walk->walker;
@@ -317,6 +328,7 @@ static bool step(Walk *walk) {
 
     /* Certain where it ends: no need to choose it by chance. */
     if (wants_surroundings(walk)) {
+        const LedgerEntry before = ledger_open(&walk->walker->clock, LEDGER_WORLD_LIGHT);
         if (!target.is_hit && material == NULL)
             add_surroundings(walk, world_radiance_but_lamps(&walker->scene->world, walk->d));
         if (target.is_hit && !target.is_boundary) {
@@ -327,6 +339,7 @@ static bool step(Walk *walk) {
             walker->out->parts[CAMERA_PART_CAUSTICS] +=
                 rgb_mean(rgb_mul(walk->throughput, rgb_mul(transmittance, caustics)));
         }
+        ledger_close(&walk->walker->clock, before);
     }
     const float sum = choice.scatter + choice.reflect + choice.pass;
     if (!(sum > 0.0f))
@@ -370,10 +383,13 @@ void walk_scatter(Walker *walker, Vec3 o, Vec3 d, const MediumStack *stack, Rgb 
                  .begin = rgb_max(throughput)};
     if (!(walk.begin > 0.0f))
         return;
+    const LedgerEntry before = walker->clock.entry;
     for (int event = 0; event < EVENT_MAX; ++event) {
         if (walker->params->job != NULL && job_is_cancelled(walker->params->job))
-            return;
+            break;
+        ledger_open(&walker->clock, walk_entry(&walk));
         if (!step(&walk) || !survives(&walk))
-            return;
+            break;
     }
+    ledger_close(&walker->clock, before);
 }

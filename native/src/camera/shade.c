@@ -164,10 +164,16 @@ Rgb shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d, const Med
     const Rgb albedo = surface->material->albedo;
     const CausticMap *map = walker->params->caustics;
     const Rgb straight = lamp_irradiance(walker, surface, stack, ng, ns);
+    LedgerClock *clock = &walker->clock;
+    LedgerEntry before = ledger_open(clock, LEDGER_CAUSTICS);
     const Rgb bent =
         map != NULL ? caustics_irradiance(map, surface->p, ng, walker->part) : rgb(0, 0, 0);
+    ledger_close(clock, before);
     const Rgb lamps = rgb_scale(rgb_add(straight, bent), 1.0f / AMB_PI);
+    if (walker->params->shines_through)
+        before = ledger_open(clock, LEDGER_SURFACES);
     const Rgb world = light_of_world(walker, surface, stack, ng, ns, rgb_mul(glow, albedo));
+    ledger_close(clock, before);
     *out_caustics = rgb_mul(albedo, rgb_scale(bent, 1.0f / AMB_PI));
     return rgb_madd(surface->material->emission, albedo, rgb_add(lamps, world));
 }

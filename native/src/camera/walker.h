@@ -24,6 +24,7 @@ typedef struct Walker {
     CameraWay way;                  /* of a walk's beginning */
     uint32_t part;                  /* of the light field, as FieldSegment's */
     bool has_frequency;             /* see camera_sample */
+    LedgerClock clock;
 } Walker;
 
 /* Notes which effects radiance along a way owes itself to. */

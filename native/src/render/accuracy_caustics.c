@@ -49,6 +49,7 @@ static void add_sight(const AmbRender *render, const Field *field, Ladder *ladde
     CameraParams *camera = &ladder->cameras[level];
     *camera = render->plan.camera;
     camera->caustics = ladder->maps[level];
+    camera->ledger = NULL;
     if (bright_probe(&render->accuracy) != &render->accuracy.caustic_probe) {
         field = NULL;
         camera->effects &= ~SCATTERING;

@@ -187,10 +187,13 @@ static StageClock clock_stage(const AmbRender *render) {
                         1e-9 * (double)atomic_load(&render->job.cpu_ns)};
 }
 
-static void charge_stage(AmbRender *render, uint32_t stage, StageClock begin) {
+/* The CPU seconds. */
+static double charge_stage(AmbRender *render, uint32_t stage, StageClock begin) {
     const StageClock end = clock_stage(render);
+    const double cpu = end.cpu - begin.cpu + end.helpers - begin.helpers;
     render->costs[stage].wall += end.wall - begin.wall;
-    render->costs[stage].cpu += end.cpu - begin.cpu + end.helpers - begin.helpers;
+    render->costs[stage].cpu += cpu;
+    return cpu;
 }
 
 static PlanCrop crop_of(const AmbRenderParams *params) {
@@ -242,7 +245,7 @@ static AmbStatus run_light(AmbRender *render, LightField *out_light) {
     const StageClock begin = clock_stage(render);
     const AmbStatus status =
         light_trace(render->scene, &render->plan.light, &render->job, out_light);
-    charge_stage(render, STAGE_LIGHT, begin);
+    render->light_costs[LIGHT_COST_FIELD] += charge_stage(render, STAGE_LIGHT, begin);
     if (status == AMB_OK) {
         render->account = (FieldAccount){.ray_count = out_light->ray_count,
                                          .light_leak_count = out_light->leak_count,
@@ -257,7 +260,7 @@ static AmbStatus run_field(AmbRender *render, const LightField *light, Field **o
     const StageClock begin = clock_stage(render);
     const AmbStatus status =
         field_create(render->scene, light, &render->plan.field, &render->job, out_field);
-    charge_stage(render, STAGE_FIELD, begin);
+    render->light_costs[LIGHT_COST_FIELD] += charge_stage(render, STAGE_FIELD, begin);
     if (status == AMB_OK) {
         FieldAccount *account = &render->account;
         account->size = field_size(*out_field);
@@ -271,7 +274,7 @@ AmbStatus render_build_scatter(AmbRender *render, Scatter **out_scatter) {
     const StageClock begin = clock_stage(render);
     const AmbStatus status =
         scatter_create(render->scene, &render->plan.scatter, &render->job, out_scatter);
-    charge_stage(render, STAGE_FIELD, begin);
+    render->light_costs[LIGHT_COST_SCATTER] += charge_stage(render, STAGE_FIELD, begin);
     if (status == AMB_OK) {
         render->plan.camera.scatter = *out_scatter;
         render->scatter = (ScatterAccount){.cell_count = scatter_cell_count(*out_scatter),
@@ -333,6 +336,7 @@ AmbStatus render_probe(AmbRender *render, Probe *probe, const Field *const field
     ProbeSight sights[2];
     for (int i = 0; i < 2; ++i) {
         cameras[i].scatter = scatters[i];
+        cameras[i].ledger = NULL;
         sights[i] =
             (ProbeSight){render->scene, fields[i], &cameras[i], render->crop_x, render->crop_y};
     }
@@ -340,7 +344,9 @@ AmbStatus render_probe(AmbRender *render, Probe *probe, const Field *const field
     AmbStatus status = probe_run(probe, &sights[1], &render->job);
     if (status == AMB_OK && probe->level_count == 2)
         status = probe_refine(probe, sights, has_folds, &render->job);
-    charge_stage(render, STAGE_FIELD, begin);
+    const double cpu = charge_stage(render, STAGE_FIELD, begin);
+    render->light_costs[probe == &render->accuracy.scatter_probe ? LIGHT_COST_SCATTER
+                                                                 : LIGHT_COST_FIELD] += cpu;
     return status;
 }
 
@@ -350,7 +356,7 @@ AmbStatus render_probe_caustics(AmbRender *render, const ProbeSight sights[]) {
     AmbStatus status = probe_run(probe, &sights[probe->level_count], &render->job);
     if (status == AMB_OK && probe->level_count > 1)
         status = probe_refine(probe, sights, true, &render->job);
-    charge_stage(render, STAGE_LIGHT, begin);
+    render->light_costs[LIGHT_COST_CAUSTICS] += charge_stage(render, STAGE_LIGHT, begin);
     return status;
 }
 
@@ -359,7 +365,7 @@ AmbStatus render_build_caustics(AmbRender *render, CausticMap **out_map) {
     const StageClock begin = clock_stage(render);
     const AmbStatus status =
         caustics_create(render->scene, &render->plan.caustics, &render->job, out_map);
-    charge_stage(render, STAGE_LIGHT, begin);
+    render->light_costs[LIGHT_COST_CAUSTICS] += charge_stage(render, STAGE_LIGHT, begin);
     if (status == AMB_OK)
         render->caustics = caustics_account(*out_map);
     return status;
@@ -417,6 +423,8 @@ static AmbStatus run_stages(AmbRender *render) {
         memory_zero_array(render->scene->object_count, sizeof *render->nonfinite_objects);
     if (render->nonfinite_objects == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for a render");
+    AMB_TRY(ledger_create(render->scene->object_count, &render->ledger));
+    render->plan.camera.ledger = &render->ledger;
     CausticMap *caustics = NULL;
     Scatter *scatter = NULL;
     AmbStatus status = run_caustics(render, &caustics);
@@ -486,6 +494,7 @@ static void release(AmbRender *render) {
     plan_clear(&render->plan);
     film_clear(&render->film);
     memory_free(render->nonfinite_objects);
+    ledger_clear(&render->ledger);
     pthread_cond_destroy(&render->ended_changed);
     pthread_mutex_destroy(&render->lock);
     memory_free(render);

@@ -17,6 +17,9 @@ typedef struct StageCost {
     double cpu, wall; /* seconds */
 } StageCost;
 
+/* What is built from light: traced, put in order, and its error measured. */
+enum { LIGHT_COST_FIELD, LIGHT_COST_SCATTER, LIGHT_COST_CAUSTICS, LIGHT_COST_COUNT };
+
 /* What the newest light field is made of. */
 typedef struct FieldAccount {
     uint64_t ray_count, light_leak_count;
@@ -58,6 +61,8 @@ struct AmbRender {
 
     /* Constant once ended. */
     StageCost costs[STAGE_COUNT];
+    double light_costs[LIGHT_COST_COUNT]; /* CPU seconds, of stages before the camera's */
+    Ledger ledger;                        /* of the camera's */
     FieldAccount account;
     CausticAccount caustics;
     uint64_t caustic_rays_planned; /* under a target, before it is known how many are enough */

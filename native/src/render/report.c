@@ -54,7 +54,77 @@ static void add_share(Text *text, const char *name, const Share *share) {
         add(text, "\"%s\": null", name);
 }
 
-static void add_effect_objects(Text *text, const AmbScene *scene, const Plan *plan, uint32_t e) {
+/* CPU seconds of a render by effect. */
+typedef struct Costs {
+    const AmbRender *render; /* NULL: there was none */
+    double per_ns;           /* seconds of the camera's stage for a timed nanosecond; 0: none is */
+} Costs;
+
+static Costs find_costs(const AmbRender *render) {
+    Costs costs = {.render = render};
+    double ns = 0.0;
+    if (render == NULL || render->ledger.ns == NULL)
+        return costs;
+    for (uint32_t o = 0; o <= render->ledger.object_count; ++o)
+        for (int e = 0; e < LEDGER_ENTRY_COUNT; ++e)
+            ns += (double)ledger_ns(&render->ledger, o, (LedgerEntry)e);
+    if (ns > 0.0)
+        costs.per_ns = render->costs[STAGE_CAMERA].cpu / ns;
+    return costs;
+}
+
+static double camera_cost(const Costs *costs, uint32_t object, LedgerEntry entry) {
+    return costs->per_ns * (double)ledger_ns(&costs->render->ledger, object, entry);
+}
+
+/* Where the camera's time of an effect is booked; false where it is inside of others'. */
+static bool ledger_entry(uint32_t effect, LedgerEntry *out_entry) {
+    static const struct {
+        uint32_t effect;
+        LedgerEntry entry;
+    } known[] = {{PLAN_SINGLE_SCATTERING, LEDGER_SINGLE},
+                 {PLAN_CAMERA_BOUNCES, LEDGER_BOUNCES},
+                 {PLAN_SURFACE_REFLECTION, LEDGER_REFLECTION},
+                 {PLAN_BACKGROUND, LEDGER_BACKGROUND},
+                 {PLAN_WORLD_LIGHT, LEDGER_WORLD_LIGHT},
+                 {PLAN_LIGHT_ON_SURFACES, LEDGER_SURFACES},
+                 {PLAN_CAUSTICS, LEDGER_CAUSTICS},
+                 {PLAN_DOUBLE_SCATTERING, LEDGER_DOUBLE},
+                 {PLAN_MULTIPLE_SCATTERING, LEDGER_MULTIPLE}};
+    for (uint32_t i = 0; i < sizeof known / sizeof known[0]; ++i)
+        if (known[i].effect == effect) {
+            *out_entry = known[i].entry;
+            return true;
+        }
+    return false;
+}
+
+/* What is built before the camera's stage is the effect's that needs it first. */
+static double light_cost(const AmbRender *render, uint32_t effect) {
+    const bool has_multiple = render->plan.effects[PLAN_MULTIPLE_SCATTERING].is_simulated;
+    if (effect == PLAN_SINGLE_SCATTERING)
+        return render->light_costs[LIGHT_COST_FIELD];
+    if (effect == (has_multiple ? PLAN_MULTIPLE_SCATTERING : PLAN_DOUBLE_SCATTERING))
+        return render->light_costs[LIGHT_COST_SCATTER];
+    return effect == PLAN_CAUSTICS ? render->light_costs[LIGHT_COST_CAUSTICS] : 0.0;
+}
+
+static void add_effect_cost(Text *text, const Costs *costs, uint32_t effect) {
+    LedgerEntry entry = LEDGER_RAYS;
+    const bool is_known = costs->render != NULL && costs->per_ns > 0.0 &&
+                          costs->render->plan.effects[effect].is_simulated &&
+                          ledger_entry(effect, &entry);
+    double seconds = 0.0;
+    if (is_known) {
+        seconds = light_cost(costs->render, effect);
+        for (uint32_t o = 0; o <= costs->render->ledger.object_count; ++o)
+            seconds += camera_cost(costs, o, entry);
+    }
+    add_number(text, "cpu_s", is_known, seconds);
+}
+
+static void add_effect_objects(Text *text, const AmbScene *scene, const Plan *plan,
+                               const Costs *costs, uint32_t e) {
     add(text, "     \"objects\": [");
     bool has_one = false;
     for (uint32_t o = 0; o < plan->object_count; ++o) {
@@ -64,6 +134,10 @@ static void add_effect_objects(Text *text, const AmbScene *scene, const Plan *pl
         add(text, "%s\n      {\"name\": \"", has_one ? "," : "");
         add_escaped(text, scene->objects[o].name);
         add(text, "\", \"simulated\": %s, ", object->is_simulated ? "true" : "false");
+        LedgerEntry entry = LEDGER_RAYS;
+        const bool is_known = costs->render != NULL && costs->per_ns > 0.0 &&
+                              object->is_simulated && ledger_entry(e, &entry);
+        add_number(text, "camera_cpu_s", is_known, is_known ? camera_cost(costs, o, entry) : 0.0);
         add_share(text, "share", &object->share);
         add(text, "}");
         has_one = true;
@@ -92,9 +166,12 @@ static bool measured_share(const FilmShares *shares, uint32_t effect, double *ou
     return false;
 }
 
-/* film: of the ended render, or NULL. */
-static void add_effects(Text *text, const AmbScene *scene, const Plan *plan, const Film *film) {
-    const FilmShares shares = film != NULL ? film_shares(film) : (FilmShares){.is_known = false};
+/* render: ended, or NULL. */
+static void add_effects(Text *text, const AmbScene *scene, const Plan *plan,
+                        const AmbRender *render) {
+    const FilmShares shares =
+        render != NULL ? film_shares(&render->film) : (FilmShares){.is_known = false};
+    const Costs costs = find_costs(render);
     add(text,
         "  \"plan\": {\"automatic\": %s, \"share_min\": %.9g, \"omitted\": %.4g, \"probes\": "
         "%llu, \"cpu_s\": %.6f},\n",
@@ -116,8 +193,9 @@ static void add_effects(Text *text, const AmbScene *scene, const Plan *plan, con
         const bool is_measured =
             effect->is_simulated && !is_mixed && measured_share(&shares, i, &measured);
         add_number(text, "measured", is_measured, measured);
+        add_effect_cost(text, &costs, i);
         add(text, "\n");
-        add_effect_objects(text, scene, plan, i);
+        add_effect_objects(text, scene, plan, &costs, i);
         add(text, "%s\n", i + 1 < PLAN_EFFECT_COUNT ? "," : "");
     }
     add(text, "  ],\n");
@@ -320,7 +398,7 @@ void report_write(const AmbRender *render, char *buffer, uint64_t size, uint64_t
     add(&text, "  \"estimator_reason\": \"%s\",\n",
         render->has_plan ? render->plan.estimator_reason : "");
     if (render->has_plan)
-        add_effects(&text, render->scene, &render->plan, &render->film);
+        add_effects(&text, render->scene, &render->plan, render);
     add_stages(&text, render);
     add_memory(&text, render);
     add_light(&text, render);

@@ -1,0 +1,68 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ * What effects take of the camera pass's time, by a few samples that are timed. */
+#ifndef AMB_CAMERA_LEDGER_H
+#define AMB_CAMERA_LEDGER_H
+
+#include <stdatomic.h>
+#include <stddef.h>
+
+#include "base/parallel.h"
+
+/* Each moment is counted once. What happens along the way of a reflection, or behind an object, is
+ * that way's, the light that is gathered there, too: without the effect it would be saved. */
+typedef enum LedgerEntry {
+    LEDGER_RAYS, /* primary rays to what they see, and the shading that there is in any case */
+    LEDGER_BOUNCES,
+    LEDGER_REFLECTION,
+    LEDGER_BACKGROUND,
+    LEDGER_SINGLE, /* these four along all other ways */
+    LEDGER_DOUBLE,
+    LEDGER_MULTIPLE, /* and all later orders where they are looked up together */
+    LEDGER_WORLD_LIGHT,
+    LEDGER_SURFACES, /* likewise what is asked for on the way of light to opaque surfaces */
+    LEDGER_CAUSTICS,
+    LEDGER_ENTRY_COUNT
+} LedgerEntry;
+
+/* One of so many samples is timed. */
+enum { LEDGER_PERIOD = 128 };
+
+typedef struct Ledger {
+    uint32_t object_count;
+    atomic_uint_least64_t *ns; /* by object, and last by none, and entry */
+} Ledger;
+
+AmbStatus ledger_create(uint32_t object_count, Ledger *out_ledger);
+void ledger_clear(Ledger *ledger);
+
+/* Nanoseconds of an entry, of one object or (object_count) of none. */
+uint64_t ledger_ns(const Ledger *ledger, uint32_t object, LedgerEntry entry);
+
+/* Of one sample. */
+typedef struct LedgerClock {
+    Ledger *ledger; /* NULL: the sample is not timed */
+    double since;   /* clock_thread_cpu when the entry was opened */
+    LedgerEntry entry;
+    uint32_t object; /* UINT32_MAX: none */
+} LedgerClock;
+
+/* Books the time until now and opens another entry. */
+void ledger_switch(LedgerClock *clock, LedgerEntry entry, uint32_t object);
+
+/* Opens an entry, unless the open one has precedence; returns that for ledger_close. */
+static inline LedgerEntry ledger_open(LedgerClock *clock, LedgerEntry entry) {
+    const LedgerEntry before = clock->entry;
+    const bool is_way =
+        before != LEDGER_RAYS && (before < LEDGER_SINGLE || before >= LEDGER_SURFACES);
+    const bool yields = is_way && entry >= LEDGER_SINGLE && entry < LEDGER_SURFACES;
+    if (clock->ledger != NULL && !yields && entry != before)
+        ledger_switch(clock, entry, clock->object);
+    return before;
+}
+
+static inline void ledger_close(LedgerClock *clock, LedgerEntry before) {
+    if (clock->ledger != NULL && clock->entry != before)
+        ledger_switch(clock, before, clock->object);
+}
+
+#endif
