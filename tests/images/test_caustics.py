@@ -181,6 +181,21 @@ def test_clear_glass_casts_no_shadow_in_an_even_world() -> None:
     assert measured.mean() == pytest.approx(np.pi, rel=3e-3)
 
 
+def test_objects_out_of_sight_throw_light() -> None:
+    """AUTO renders the floor under a pane as everything on does."""
+
+    def build(scene: Any) -> None:  # noqa: ANN401
+        add_sun(scene, (0.3, 0, -1), 3.0)
+        add_body(scene, box((-4, -4, 0.1), (4, 4, 0.5)), CLEAR)
+        add_floor(scene)
+        look_down(scene, 0.5)
+
+    every = irradiance(build, 8, effects=0xFF, light_bounces=2, light_samples=2**16)
+    auto = irradiance(build, 8, effects=0xFF, effects_are_auto=1, light_samples=2**16)
+    assert every.mean() > 1
+    assert auto.mean() == pytest.approx(every.mean(), rel=0.01)
+
+
 def test_report_says_what_effects_take() -> None:
     """Time is booked where something happens, each moment once; the shares of caustics and time
     are there for what is simulated and for nothing else."""

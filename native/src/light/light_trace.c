@@ -272,6 +272,7 @@ static AmbStatus land(Chunk *chunk, const Branch *branch, const SurfacePoint *su
     LightLanding landing = {.p = surface->p,
                             .n = vec3_scale(surface->ng, side),
                             .rank = rank_left(branch),
+                            .bounces = branch->bounces,
                             .flux = rgb_scale(branch->flux, cos_shading / fabsf(cos_face))};
     const float width = sqrtf(branch->stands_for);
     for (int k = 0; k < TANGENT_COUNT; ++k)

@@ -32,10 +32,11 @@ typedef struct LightBeams {
 
 /* Where a light ray that a boundary has bent ends on an opaque surface. */
 typedef struct LightLanding {
-    Vec3 p, n;  /* m; unit geometric normal on the side that the light comes from */
-    float rank; /* as that of a beam */
-    Rgb flux;   /* W; times cos to the shading normal / cos to n: so that flux / area is what the
-                 * surface's own shading makes of light from there */
+    Vec3 p, n;        /* m; unit geometric normal on the side that the light comes from */
+    float rank;       /* as that of a beam */
+    uint32_t bounces; /* internal reflections on the way */
+    Rgb flux; /* W; times cos to the shading normal / cos to n: so that flux / area is what the
+               * surface's own shading makes of light from there */
     Vec3 footprint[TANGENT_COUNT]; /* in the surface's plane, full extents, m: two span the cell
                                     * of the lattice, two the extent of the source */
 } LightLanding;

@@ -254,10 +254,11 @@ static AmbStatus measure(const AmbScene *scene, const AmbRenderParams *params, V
     return AMB_OK;
 }
 
-/* Nothing of the objects is seen: what makes them look as they do need not be. */
+/* Nothing of the objects is seen: what makes them look as they do need not be, but for the light
+ * that they throw on what is seen. */
 static void skip_unseen(Plan *plan) {
     for (uint32_t i = 0; i < PLAN_EFFECT_COUNT; ++i)
-        if (plan->effects[i].is_simulated)
+        if (plan->effects[i].is_simulated && i != PLAN_LIGHT_ON_SURFACES && i != PLAN_CAUSTICS)
             plan->effects[i] =
                 plan_skipped(plan->effects[i].name, "no translucent object is in sight");
 }

@@ -15,7 +15,7 @@ static const float CAUSTIC_OVERLAP = 2.0f;
 /* Caustics are left out where less than this share of the light that arrives at translucent objects
  * lands on opaque surfaces, and so are reflections inside. */
 static const double CAUSTIC_SHARE_MIN = 2e-3;
-enum { PROBE_RAYS = 8192 };
+enum { PROBE_RAYS = 8192, BOUNCES_MOST = 16 }; /* the last of BOUNCE_STEPS */
 
 PlanEffect plan_light_on_surfaces(const AmbScene *scene, const AmbRenderParams *params) {
     const char *name = "light through objects onto opaque surfaces";
@@ -43,10 +43,14 @@ PlanEffect plan_caustics(const AmbScene *scene, const AmbRenderParams *params, c
     return effect;
 }
 
-/* Watts that land with so many reflections, and that arrive at translucent objects. */
+/* Watts, of probe rays. */
+typedef struct Landing {
+    double incident;                 /* at translucent objects */
+    double landed[BOUNCES_MOST + 1]; /* after so many reflections at most */
+} Landing;
+
 static AmbStatus probe_landing(const AmbScene *scene, const AmbRenderParams *params,
-                               uint32_t bounces, Job *job, double *out_landed,
-                               double *out_incident) {
+                               uint32_t bounces, Job *job, Landing *out_landing) {
     const LightTraceParams probe = {.ray_count = PROBE_RAYS,
                                     .bounces = bounces,
                                     .follows_through = true,
@@ -54,28 +58,27 @@ static AmbStatus probe_landing(const AmbScene *scene, const AmbRenderParams *par
                                     .seed = params->seed};
     LightField light;
     AMB_TRY(light_trace(scene, &probe, job, &light));
-    const LightTally *tally = &light.tally;
-    *out_landed = tally->landed[0] + tally->landed[1] + tally->landed[2];
-    *out_incident = tally->incident[0] + tally->incident[1] + tally->incident[2];
+    *out_landing = (Landing){.incident = light.tally.incident[0] + light.tally.incident[1] +
+                                         light.tally.incident[2]};
+    double *landed = out_landing->landed;
+    for (uint64_t i = 0; i < light.landing_count; ++i) {
+        const LightLanding *landing = &light.landings[i];
+        const uint32_t after = landing->bounces < BOUNCES_MOST ? landing->bounces : BOUNCES_MOST;
+        landed[after] += 3.0 * (double)rgb_mean(landing->flux);
+    }
+    for (uint32_t i = 1; i <= BOUNCES_MOST; ++i)
+        landed[i] += landed[i - 1];
     light_field_clear(&light);
     return AMB_OK;
 }
 
 /* The fewest reflections that land all but so little of the light. */
-static AmbStatus choose_bounces(const AmbScene *scene, const AmbRenderParams *params, Job *job,
-                                PlanEffect *effect) {
-    double all, incident, landed = 0.0;
-    const uint32_t most = BOUNCE_STEPS[BOUNCE_STEP_COUNT - 1];
-    AMB_TRY(probe_landing(scene, params, most, job, &all, &incident));
-    effect->count = most;
-    for (uint32_t i = 0; i + 1 < BOUNCE_STEP_COUNT; ++i) {
-        AMB_TRY(probe_landing(scene, params, BOUNCE_STEPS[i], job, &landed, &incident));
-        if (all - landed <= CAUSTIC_SHARE_MIN * incident) {
-            effect->count = BOUNCE_STEPS[i];
-            break;
-        }
-    }
-    return AMB_OK;
+static uint32_t choose_bounces(const Landing *landing) {
+    for (uint32_t i = 0; i < BOUNCE_STEP_COUNT; ++i)
+        if (landing->landed[BOUNCES_MOST] - landing->landed[BOUNCE_STEPS[i]] <=
+            CAUSTIC_SHARE_MIN * landing->incident)
+            return BOUNCE_STEPS[i];
+    return BOUNCES_MOST;
 }
 
 AmbStatus plan_measure_caustics(const AmbScene *scene, const AmbRenderParams *params, Job *job,
@@ -83,11 +86,14 @@ AmbStatus plan_measure_caustics(const AmbScene *scene, const AmbRenderParams *pa
     PlanEffect *effect = &plan->effects[PLAN_CAUSTICS];
     if (!effect->is_simulated)
         return AMB_OK;
+    Landing landing;
+    AMB_TRY(probe_landing(scene, params, plan->is_automatic ? BOUNCES_MOST : effect->count, job,
+                          &landing));
     if (plan->is_automatic)
-        AMB_TRY(choose_bounces(scene, params, job, effect));
-    double landed, incident;
-    AMB_TRY(probe_landing(scene, params, effect->count, job, &landed, &incident));
-    if (!(landed > (plan->is_automatic ? CAUSTIC_SHARE_MIN * incident : 0.0))) {
+        effect->count = choose_bounces(&landing);
+    const uint32_t last = effect->count < BOUNCES_MOST ? effect->count : BOUNCES_MOST;
+    if (!(landing.landed[last] >
+          (plan->is_automatic ? CAUSTIC_SHARE_MIN * landing.incident : 0.0))) {
         *effect = plan_skipped(effect->name, "less than 0.2 % of the light at translucent objects "
                                              "lands there, by probe rays");
         return AMB_OK;
