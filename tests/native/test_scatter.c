@@ -196,8 +196,7 @@ static void depths_of_a_sphere(void) {
 }
 
 /* Hat functions add up to 1: so do volumes to that of the layers. */
-static void volumes_of_a_sphere(void) {
-    AmbScene *scene = furnace(shape_resin(1.5f, 20.0f, 0.0f, 0.0f));
+static void check_volumes_of_sphere(const AmbScene *scene) {
     Job job;
     job_init(&job, 1);
     ScatterCells cells;
@@ -210,6 +209,41 @@ static void volumes_of_a_sphere(void) {
     const double expected = 4.0 / 3.0 * PI * (1.0 - inner * inner * inner);
     ENSURE_NEAR(sum / expected, 1.0, 8e-3);
     scatter_cells_clear(&cells);
+}
+
+static void volumes_of_a_sphere(void) {
+    AmbScene *scene = furnace(shape_resin(1.5f, 20.0f, 0.0f, 0.0f));
+    check_volumes_of_sphere(scene);
+    amb_scene_destroy(scene);
+}
+
+/* Lines that enter a sheet, here from below, are in no solid from there on. */
+static void sheets_have_no_inside(void) {
+    AmbScene *scene = NULL;
+    ENSURE_STATUS(amb_scene_create(&scene), AMB_OK);
+    const AmbMaterial resin = shape_resin(1.5f, 20.0f, 0.0f, 0.0f);
+    AmbMaterial stone;
+    amb_material_init(&stone);
+    uint32_t resin_id = 0, stone_id = 0;
+    ENSURE_STATUS(amb_scene_add_material(scene, &resin, &resin_id), AMB_OK);
+    ENSURE_STATUS(amb_scene_add_material(scene, &stone, &stone_id), AMB_OK);
+    Shape sphere = shape_sphere(48, 96), sheet = shape_plane();
+    for (uint64_t t = 0; t < sheet.triangle_count; ++t) {
+        const uint32_t second = sheet.triangles[3 * t + 1];
+        sheet.triangles[3 * t + 1] = sheet.triangles[3 * t + 2];
+        sheet.triangles[3 * t + 2] = second;
+    }
+    const AmbMesh meshes[2] = {shape_mesh(&sphere, "sphere", true),
+                               shape_mesh(&sheet, "sheet", false)};
+    shape_add(scene, &meshes[0], resin_id, 1.0f, 0.0f, 0.0f, 0.0f);
+    shape_add(scene, &meshes[1], stone_id, 3.0f, 0.0f, 0.0f, -0.95f);
+    shape_free(&sphere);
+    shape_free(&sheet);
+    shape_commit(scene);
+    Job job;
+    job_init(&job, 1);
+    ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
+    check_volumes_of_sphere(scene);
     amb_scene_destroy(scene);
 }
 
@@ -383,6 +417,7 @@ void test_scatter(void) {
     RUN(rays_are_shared_among_dark_lamps);
     RUN(depths_of_a_sphere);
     RUN(volumes_of_a_sphere);
+    RUN(sheets_have_no_inside);
     RUN(volumes_of_a_box);
     RUN(flux_is_kept);
     RUN(white_furnace);

@@ -214,6 +214,22 @@ static void measure_stretch(const Measure *measure, Vec3 o, Vec3 d, float length
     }
 }
 
+/* Whether from a point of an opaque object's surface along d, into the object, the line comes out
+ * of it again: a sheet has no inside. */
+static bool is_solid(const AmbScene *scene, const SurfacePoint *from, Vec3 d) {
+    Vec3 o = scene_leave(from, d);
+    for (int i = 0; i < CROSSING_MAX; ++i) {
+        Hit hit;
+        if (!scene_intersect(scene, o, d, INFINITY, &hit))
+            return false;
+        const SurfacePoint surface = scene_surface(scene, &hit);
+        if (surface.object == from->object)
+            return vec3_dot(d, surface.ng) > 0.0f;
+        o = scene_leave(&surface, d);
+    }
+    return false;
+}
+
 /* Follows a line through all boundaries: what is inside is known exactly. */
 static void measure_line(const Measure *measure, Vec3 o, Vec3 d, float area) {
     const AmbScene *scene = measure->scene;
@@ -226,16 +242,17 @@ static void measure_line(const Measure *measure, Vec3 o, Vec3 d, float area) {
         if (opaque == 0 && stack.count > 0 && medium_stack_top(&stack) == measure->object)
             measure_stretch(measure, o, d, hit.t, area);
         const SurfacePoint surface = scene_surface(scene, &hit);
+        SurfacePoint wall = surface;
         bool is_opaque = surface.material->surface != AMB_SURFACE_DIELECTRIC;
-        Vec3 ng = surface.ng;
         if (!is_opaque) {
             const BoundaryCrossing crossing = boundary_cross(scene, &stack, &surface, d);
             stack = crossing.beyond;
             is_opaque = crossing.is_opaque;
-            ng = crossing.surface.ng;
+            wall = crossing.surface;
         }
-        if (is_opaque) {
-            opaque += vec3_dot(d, ng) < 0.0f ? 1 : -1;
+        const bool enters = vec3_dot(d, wall.ng) < 0.0f;
+        if (is_opaque && is_solid(scene, &wall, enters ? d : vec3_negate(d))) {
+            opaque += enters ? 1 : -1;
             opaque = opaque > 0 ? opaque : 0;
         }
         o = scene_leave(&surface, d);
