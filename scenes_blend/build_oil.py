@@ -41,18 +41,23 @@ def rim(radius: float, z: float, width: float, turn: float) -> list[tuple[float,
     return [(radius + width * cos(a), z + width * sin(a)) for a in arc]
 
 
+def floor(wall: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The flat bottom below a wall, from its middle on, narrower rings where it meets the wall."""
+    radius, z = wall[0]
+    return [(part * radius, z) for part in (0.0, 0.9, 0.98)]
+
+
 outer = flask_wall(0.0, HEIGHT, 0.0)
-inner = flask_wall(CENTER - RADIUS + WALL, HEIGHT, WALL)
-base = outer[0][0]
+inner = flask_wall(WALL, HEIGHT, WALL)
 lip = rim(NECK - WALL / 2, HEIGHT, WALL / 2, 1.0)
-floor = [(0.0, 0.0), (0.9 * base, 0.0), (0.98 * base, 0.0)]
-glass_profile = [*floor, *outer[1:-1], *lip, *reversed(inner[1:-1]), (0.0, inner[0][1])]
+inside = [*floor(inner), *inner[1:-1]]
+glass_profile = [*floor(outer), *outer[1:-1], *lip, *reversed(inside)]
 
 inset = WALL - OVERLAP
-oil_wall = flask_wall(CENTER - RADIUS + inset, LEVEL - EDGE, inset)
+oil_wall = flask_wall(inset, LEVEL - EDGE, inset)
 edge = rim(oil_wall[-1][0] - EDGE, LEVEL - EDGE, EDGE, 0.5)
 surface = [(0.97 * edge[-1][0], LEVEL), (0.0, LEVEL)]
-oil_profile = [(0.0, oil_wall[0][1]), *oil_wall[1:-1], *edge, *surface]
+oil_profile = [*floor(oil_wall), *oil_wall[1:-1], *edge, *surface]
 
 scene = common.start((480, 600), samples=16)
 common.set_view(scene, "Filmic", 0.9)
