@@ -40,6 +40,8 @@ static AmbStatus create_points(const AmbScene *scene, const LightField *light,
         for (uint64_t i = 0; i < light->objects[o].count; ++i)
             total_length += (double)light->objects[o].beams[i].length;
     }
+    if (beam_count == 0)
+        return AMB_OK;
     /* Of the light that tubes leave to points there may be next to nothing. */
     if (field->tubes != NULL)
         target = fmin(target, (double)(BEAM_SAMPLES_MAX * beam_count));
