@@ -119,14 +119,16 @@ def test_reference_from_the_engines_own_files(quick, real_library, tmp_path):
     quick.amberlight.exr_path = str(tmp_path / "own.exr")
     quick.amberlight.estimator = "TUBES"
     quick.amberlight.samples = 1
+    # The reflections that the sweep has too: those set.
+    quick.amberlight.effects = "MANUAL"
     bpy.ops.render.render()
     wanted = quick.amberlight_cost
     wanted.reference = str(tmp_path / "own.exr")
     wanted.time_limit = 8.0
     assert bpy.ops.amberlight.measure_cost() == {"FINISHED"}
     # The same rays, the same estimator: the row is the reference, bit for bit.
-    first = next(row for row in state().rows if row.estimator == "TUBES")
-    assert first.tube_refinement > 0 or first.error == 0
+    rows = [row for row in state().rows if row.estimator == "TUBES" and row.tube_refinement == 0]
+    assert rows and all(row.error == 0 for row in rows)
     csv = (tmp_path / "cost" / "cost.csv").read_text().splitlines()
     names = csv[0].split(",")
     rows = [dict(zip(names, line.split(","), strict=True)) for line in csv[1:]]
