@@ -300,18 +300,19 @@ def test_ball_orthographic(ball, real_library, render_to):
 
 def test_target_error(ball, real_library, render_to, tmp_path, capfd):
     """F12 with a target: the Error pass, the figure in the report, in the file and on screen."""
-    ball.amberlight.accuracy = 0.04
+    ball.amberlight.accuracy = 0.1
     ball.amberlight.report_path = str(tmp_path / "report.json")
     ball.amberlight.exr_path = str(tmp_path / "own.exr")
     channels = render_to()
     error, glow = channels["ViewLayer.Error.X"], channels["ViewLayer.Combined.G"]
     assert error.min() >= 0 and error[:, 12].max() > 0
     accuracy = json.loads((tmp_path / "report.json").read_text())["accuracy"]
-    assert accuracy["reached"] is True and 0 < accuracy["stated"] <= accuracy["target"]
-    assert accuracy["target"] == pytest.approx(0.04)
+    assert accuracy["reached"] is True, accuracy
+    assert 0 < accuracy["stated"] <= accuracy["target"]
+    assert accuracy["target"] == pytest.approx(0.1)
     # The pass is that figure, pixel by pixel: where the ball covers the image, about.
     inside = (slice(8, 16), slice(8, 16))
-    assert np.sqrt(np.mean(error[inside] ** 2)) < 0.2 * glow[inside].mean()
+    assert np.sqrt(np.mean(error[inside] ** 2)) < 0.5 * glow[inside].mean()
     data = (tmp_path / "own.exr").read_bytes()
     assert b"ViewLayer.Error" in data and b'"stated": 0.0' in data
     assert "Amberlight: error: " in capfd.readouterr().out
@@ -470,6 +471,9 @@ def test_nan_in_a_mesh(ball, real_library, add_mesh):
 
 def test_cycles_and_back(ball, real_library, render_to):
     """Both engines use Embree in one process."""
+    # Without vertex normals, whose last digits Blender 3.4 leaves to chance (docs/conventions.md).
+    for mesh in bpy.data.meshes:
+        mesh.polygons.foreach_set("use_smooth", [False] * len(mesh.polygons))
     ours = render_to("first")["ViewLayer.Combined.G"]
     if "cycles" not in dir(ball):
         pytest.skip("no Cycles")
@@ -478,7 +482,7 @@ def test_cycles_and_back(ball, real_library, render_to):
     ball.cycles.use_denoising = False
     assert bpy.ops.render.render() == {"FINISHED"}
     ball.render.engine = "AMBERLIGHT"
-    assert np.allclose(render_to("second")["ViewLayer.Combined.G"], ours, rtol=1e-5)
+    assert np.array_equal(render_to("second")["ViewLayer.Combined.G"], ours)
 
 
 def test_own_exr_has_the_passes(ball, real_library, render_to, tmp_path):
