@@ -186,6 +186,13 @@ def test_a_render_does_as_its_plan_says() -> None:
     del plan["plan"]["cpu_s"], report["plan"]["cpu_s"]
     measured = {effect["name"]: effect.pop("measured") for effect in report["effects"]}
     assert {effect.pop("measured") for effect in plan["effects"]} == {None}
+    # A plan has cost nothing yet.
+    assert not {effect.pop("cpu_s") for effect in plan["effects"]} - {None, 0}
+    for effect in report["effects"]:
+        del effect["cpu_s"]
+    for effect in [*plan["effects"], *report["effects"]]:
+        for seen in effect["objects"]:
+            seen.pop("camera_cpu_s", None)
     assert report["plan"] == plan["plan"] and report["effects"] == plan["effects"]
     single = orders[0][object_mask(scene, SIZE)]
     radiance = combined[object_mask(scene, SIZE)].mean()
