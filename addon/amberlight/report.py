@@ -64,7 +64,8 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
 
 
 def percent(value: float) -> str:
-    return f"{100 * value:.2g} %"
+    """Two digits, and 140 % as that, not as 1.4e+02 %."""
+    return f"{float(f'{100 * value:.2g}'):g} %"
 
 
 def share_text(share: dict[str, float] | None) -> str:

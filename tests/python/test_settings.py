@@ -180,6 +180,12 @@ def test_effects_tell_their_time():
     ]
 
 
+def test_percent_has_no_exponent():
+    assert [reports.percent(value) for value in (1.4, 0.3, 0.0123, 0.0)] == [
+        "140 %", "30 %", "1.2 %", "0 %",
+    ]  # fmt: skip
+
+
 def test_joined_warning():
     assert reports.joined_warning(["a: x"]) == "Remark: a: x"
     assert reports.joined_warning(["a: x", "b"]) == "2 remarks: a: x; b"
