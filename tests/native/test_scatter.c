@@ -86,22 +86,33 @@ static void lobes_are_positive(void) {
 
 /* ---- Scenes ---------------------------------------------------------------------------------- */
 
-/* A unit sphere in a uniform world of radiance 1, built for tracing. */
-static AmbScene *furnace(AmbMaterial material) {
+/* A scene of one body, which the shape is consumed for. */
+static AmbScene *scene_of(Shape *shape, bool is_smooth, AmbMaterial material) {
     AmbScene *scene = NULL;
     ENSURE_STATUS(amb_scene_create(&scene), AMB_OK);
     uint32_t id = 0;
     ENSURE_STATUS(amb_scene_add_material(scene, &material, &id), AMB_OK);
-    Shape shape = shape_sphere(48, 96);
-    const AmbMesh mesh = shape_mesh(&shape, "sphere", true);
+    const AmbMesh mesh = shape_mesh(shape, "body", is_smooth);
     shape_add(scene, &mesh, id, 1.0f, 0.0f, 0.0f, 0.0f);
-    shape_free(&shape);
-    const float world[3] = {1, 1, 1};
-    ENSURE_STATUS(amb_scene_set_world(scene, world), AMB_OK);
+    shape_free(shape);
+    return scene;
+}
+
+/* Ready for tracing. */
+static void build(AmbScene *scene) {
     shape_commit(scene);
     Job job;
     job_init(&job, 1);
     ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
+}
+
+/* A unit sphere in a uniform world of radiance 1, built for tracing. */
+static AmbScene *furnace(AmbMaterial material) {
+    Shape shape = shape_sphere(48, 96);
+    AmbScene *scene = scene_of(&shape, true, material);
+    const float world[3] = {1, 1, 1};
+    ENSURE_STATUS(amb_scene_set_world(scene, world), AMB_OK);
+    build(scene);
     return scene;
 }
 
@@ -219,30 +230,21 @@ static void volumes_of_a_sphere(void) {
 
 /* Lines that enter a sheet, here from below, are in no solid from there on. */
 static void sheets_have_no_inside(void) {
-    AmbScene *scene = NULL;
-    ENSURE_STATUS(amb_scene_create(&scene), AMB_OK);
-    const AmbMaterial resin = shape_resin(1.5f, 20.0f, 0.0f, 0.0f);
+    Shape sphere = shape_sphere(48, 96), sheet = shape_plane();
+    AmbScene *scene = scene_of(&sphere, true, shape_resin(1.5f, 20.0f, 0.0f, 0.0f));
     AmbMaterial stone;
     amb_material_init(&stone);
-    uint32_t resin_id = 0, stone_id = 0;
-    ENSURE_STATUS(amb_scene_add_material(scene, &resin, &resin_id), AMB_OK);
-    ENSURE_STATUS(amb_scene_add_material(scene, &stone, &stone_id), AMB_OK);
-    Shape sphere = shape_sphere(48, 96), sheet = shape_plane();
+    uint32_t id = 0;
+    ENSURE_STATUS(amb_scene_add_material(scene, &stone, &id), AMB_OK);
     for (uint64_t t = 0; t < sheet.triangle_count; ++t) {
         const uint32_t second = sheet.triangles[3 * t + 1];
         sheet.triangles[3 * t + 1] = sheet.triangles[3 * t + 2];
         sheet.triangles[3 * t + 2] = second;
     }
-    const AmbMesh meshes[2] = {shape_mesh(&sphere, "sphere", true),
-                               shape_mesh(&sheet, "sheet", false)};
-    shape_add(scene, &meshes[0], resin_id, 1.0f, 0.0f, 0.0f, 0.0f);
-    shape_add(scene, &meshes[1], stone_id, 3.0f, 0.0f, 0.0f, -0.95f);
-    shape_free(&sphere);
+    const AmbMesh mesh = shape_mesh(&sheet, "sheet", false);
+    shape_add(scene, &mesh, id, 3.0f, 0.0f, 0.0f, -0.95f);
     shape_free(&sheet);
-    shape_commit(scene);
-    Job job;
-    job_init(&job, 1);
-    ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
+    build(scene);
     check_volumes_of_sphere(scene);
     amb_scene_destroy(scene);
 }
@@ -250,19 +252,11 @@ static void sheets_have_no_inside(void) {
 /* Lines along the normals of flat walls meet their layers all alike: each layer has the volume of
  * its shell, where the grid's distances are not rounded by edges. */
 static void volumes_of_a_box(void) {
-    AmbScene *scene = NULL;
-    ENSURE_STATUS(amb_scene_create(&scene), AMB_OK);
-    const AmbMaterial material = shape_resin(1.5f, 12.0f, 0.0f, 0.0f);
-    uint32_t id = 0;
-    ENSURE_STATUS(amb_scene_add_material(scene, &material, &id), AMB_OK);
     Shape shape = shape_box();
-    const AmbMesh mesh = shape_mesh(&shape, "box", false);
-    shape_add(scene, &mesh, id, 1.0f, 0.0f, 0.0f, 0.0f);
-    shape_free(&shape);
-    shape_commit(scene);
+    AmbScene *scene = scene_of(&shape, false, shape_resin(1.5f, 12.0f, 0.0f, 0.0f));
+    build(scene);
     Job job;
     job_init(&job, 1);
-    ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
     ScatterCells cells;
     ENSURE_STATUS(scatter_cells_build(scene, 0, 0.1f, 2, &job, &cells), AMB_OK);
     double sums[LAYER_MAX] = {0.0};
