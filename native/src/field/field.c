@@ -166,8 +166,6 @@ static FieldRadiance gather(const Field *field, const FieldSegment *segment, boo
     if (field->clouds == NULL)
         return sum;
     const FieldRadiance points = gather_points(field, segment);
-    if (field->tubes == NULL)
-        return points;
     sum.radiance = rgb_add(sum.radiance, points.radiance);
     sum.frequency += points.frequency;
     sum.contribution += points.contribution;

@@ -6,7 +6,7 @@
 
 #include "base/memory.h"
 
-const uint32_t BOUNCE_STEPS[BOUNCE_STEP_COUNT] = {0, 1, 2, 3, 4, 6, 8, 12, 16};
+const uint32_t BOUNCE_STEPS[BOUNCE_STEP_COUNT] = {0, 1, 2, 3, 4, 6, 8, 12, BOUNCES_MOST};
 
 /* Few rays need wide kernels, which keep the mean; the picture of the share may be soft. */
 static const float PROBE_KERNEL_SIZE = 12.0f;

@@ -8,8 +8,8 @@
 #include "plan/plan.h"
 
 /* Numbers of internal reflections among which the planner chooses. */
-enum { BOUNCE_STEP_COUNT = 9 };
-extern const uint32_t BOUNCE_STEPS[BOUNCE_STEP_COUNT]; /* 0, 1, .. 16 */
+enum { BOUNCE_STEP_COUNT = 9, BOUNCES_MOST = 16 };
+extern const uint32_t BOUNCE_STEPS[BOUNCE_STEP_COUNT]; /* 0, 1, .. BOUNCES_MOST */
 
 /* Index of the smallest step that follows so many reflections; the last one for more. */
 uint32_t bounce_step(uint32_t bounces);

@@ -236,7 +236,7 @@ static AmbStatus measure(const AmbScene *scene, const AmbRenderParams *params, V
                    .order_max = params->scatter_order_max,
                    .shines_through = plan->effects[PLAN_LIGHT_ON_SURFACES].is_simulated,
                    .job = job,
-                   .bounces = BOUNCE_STEPS[BOUNCE_STEP_COUNT - 1],
+                   .bounces = BOUNCES_MOST,
                    .seed = params->seed ^ PROBE_SEED,
                    .film_transparent = params->film_transparent != 0,
                    .may_start_inside = scene_may_start_inside(scene),
@@ -335,8 +335,7 @@ static AmbStatus settle_effects(const AmbScene *scene, const AmbRenderParams *pa
             .ray_count = is_measured ? clamp_count(samples / SAMPLES_PER_LIGHT_RAY, LIGHT_RAYS_MIN,
                                                    LIGHT_RAYS_MAX)
                                      : LIGHT_RAYS_MAX,
-            .bounces = is_measured ? BOUNCE_STEPS[BOUNCE_STEP_COUNT - 1]
-                                   : plan->effects[PLAN_LIGHT_BOUNCES].count,
+            .bounces = is_measured ? BOUNCES_MOST : plan->effects[PLAN_LIGHT_BOUNCES].count,
             .has_fields = is_measured,
             .adjoint_normals = params->adjoint_normals != 0,
             .seed = params->seed};

@@ -15,7 +15,7 @@ static const float CAUSTIC_OVERLAP = 2.0f;
 /* Caustics are left out where less than this share of the light that arrives at translucent objects
  * lands on opaque surfaces, and so are reflections inside. */
 static const double CAUSTIC_SHARE_MIN = 2e-3;
-enum { PROBE_RAYS = 8192, BOUNCES_MOST = 16 }; /* the last of BOUNCE_STEPS */
+enum { PROBE_RAYS = 8192 };
 
 PlanEffect plan_light_on_surfaces(const AmbScene *scene, const AmbRenderParams *params) {
     const char *name = "light through objects onto opaque surfaces";

@@ -2,8 +2,9 @@
  * A target error instead of budgets: picks the light field, and spends camera samples where the
  * picture needs them until it is reached.
  *
- *   stated^2 = noise^2 + field^2 + scatter^2 + caustics^2 + omitted^2, in units of the mean
- * radiance,
+ *   stated^2 = noise^2 + field^2 + scatter^2 + caustics^2 + omitted^2,
+ *
+ * in units of the mean radiance,
  *
  * over all channels of the pixels that show a translucent object (all pixels, if none does); with
  * caustics also over those and the pixels that show caustics, and the larger one is stated. noise
