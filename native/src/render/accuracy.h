@@ -4,15 +4,13 @@
  *
  *   stated^2 = noise^2 + field^2 + scatter^2 + caustics^2 + omitted^2,
  *
- * in units of the mean radiance,
- *
- * over all channels of the pixels that show a translucent object (all pixels, if none does); with
- * caustics also over those and the pixels that show caustics, and the larger one is stated. noise
- * is what the two halves of the samples of the pixels differ by; field is what the light's
- * discretisation costs, by the differences of fields of several levels along the same camera
- * rays (field_error.h), scatter the same of photons in cells (accuracy_scatter.h) and caustics of
- * photons on surfaces (accuracy_caustics.h); omitted are the shares of effects that the plan left
- * out. Decisions depend on results alone, never on a clock or on threads. */
+ * in units of the mean radiance over all channels of the pixels that show a translucent object (all
+ * pixels, if none does); with caustics also over those and the pixels that show caustics, and the
+ * larger one is stated. noise is what the two halves of the samples of the pixels differ by
+ * (survey.h); field is what the light's discretisation costs (accuracy_field.h), scatter the same
+ * of photons in cells (accuracy_scatter.h) and caustics of photons on surfaces
+ * (accuracy_caustics.h); omitted are the shares of effects that the plan left out. Decisions depend
+ * on results alone, never on a clock or on threads. */
 #ifndef AMB_RENDER_ACCURACY_H
 #define AMB_RENDER_ACCURACY_H
 
@@ -79,9 +77,6 @@ const AccuracySet *accuracy_worst_set(const Accuracy *accuracy);
 /* Error as far as it is known: the set's, and the larger one of all sets. */
 double accuracy_stated_of(const Accuracy *accuracy, const AccuracySet *set);
 double accuracy_stated(const Accuracy *accuracy);
-
-/* Builds the coarsest field whose error leaves room for noise, within bounds of memory. */
-AmbStatus accuracy_choose_field(struct AmbRender *render, Field **out_field);
 
 /* Camera samples until the target is reached, or cannot be. */
 AmbStatus accuracy_run_camera(struct AmbRender *render, const Field *field);

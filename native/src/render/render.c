@@ -10,6 +10,7 @@
 
 #include "base/memory.h"
 #include "render/accuracy_caustics.h"
+#include "render/accuracy_field.h"
 #include "render/accuracy_scatter.h"
 #include "render/report.h"
 
