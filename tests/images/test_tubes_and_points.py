@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from api import (
     POINTS_COVARIANCE,
+    POINTS_FIXED,
     SINGLE,
     TUBES,
     BuildScene,
@@ -88,6 +89,60 @@ def test_light_through_another_object_counts_once() -> None:
     assert flux(both) == pytest.approx(flux(points), rel=2e-3)
     straight = render(build, 24, estimator=TUBES, light_bounces=3, light_samples=2**20)
     assert flux(straight)[1] < 0.95 * flux(both)[1]
+
+
+LATER = _ffi.AMB_EFFECT_DOUBLE_SCATTERING | _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
+
+
+@pytest.mark.parametrize(
+    ("estimator", "bounces", "effects"),
+    [
+        (TUBES, 1, SINGLE),
+        (POINTS_FIXED, 8, SINGLE | _ffi.AMB_EFFECT_TRANSMITTED_LIGHT),
+        (POINTS_COVARIANCE, 8, SINGLE | _ffi.AMB_EFFECT_TRANSMITTED_LIGHT),
+        (TUBES, 8, SINGLE | _ffi.AMB_EFFECT_TRANSMITTED_LIGHT),
+        (TUBES, 8, SINGLE | LATER | _ffi.AMB_EFFECT_TRANSMITTED_LIGHT),
+    ],
+    ids=["tubes", "fixed points", "points", "both", "walks"],
+)
+def test_the_share_of_what_light_did_before(estimator: int, bounces: int, effects: int) -> None:
+    """What the picture lacks without reflections of the light, and without light through other
+    objects, is what the report of the picture with them says."""
+    ball = icosphere(4)
+    glass = Mesh(ball.positions * 0.5 + np.array([-2.2, 0.9, -0.3]), ball.triangles, ball.normals)
+    build = scene_of(icosphere(4), (glass, Medium(1.5, 0, 0)))
+
+    def shot(**changed: Any) -> Image:
+        settings = {
+            "light_samples": 2**17,
+            "samples": 8,
+            "scatter_estimator": _ffi.AMB_SCATTER_WALK,
+        }
+        settings |= {"light_bounces": bounces, "effects": effects} | changed
+        return render(build, 24, name="Combined", estimator=estimator, **settings)
+
+    full = shot()
+    has_both = estimator == TUBES and (effects & _ffi.AMB_EFFECT_TRANSMITTED_LIGHT) != 0
+    assert (full.report["light"]["tubes"] > 0) == (estimator == TUBES)
+    assert (full.report["light"]["volume_samples"] > 0) == (estimator != TUBES or has_both)
+    less = {
+        "light-side internal reflection": shot(light_bounces=0),
+        "light through other objects": shot(effects=effects & ~_ffi.AMB_EFFECT_TRANSMITTED_LIGHT),
+    }
+    found = {effect["name"]: effect for effect in full.report["effects"]}
+    mask = full.cover > 0
+    whole = full.pixels[mask][:, :3].mean(axis=1, dtype=np.float64)
+    for name, without in less.items():
+        lacks = whole - without.pixels[mask][:, :3].mean(axis=1, dtype=np.float64)
+        if name == "light through other objects" and effects == SINGLE:
+            assert found[name]["measured"] is None and found[name]["cpu_s"] is None
+            continue
+        share = np.sqrt(np.mean(lacks**2)) / whole.mean()
+        assert found[name]["measured"] == pytest.approx(share, rel=0.02)
+        assert share > 0.02 and found[name]["cpu_s"] > 0
+        assert {e["measured"] for e in without.report["effects"] if e["name"] == name} == {None}
+    total = sum(effect["cpu_s"] or 0 for effect in found.values())
+    assert total < sum(stage["cpu_s"] for stage in full.report["stages"])
 
 
 def test_the_target_is_kept_by_both() -> None:

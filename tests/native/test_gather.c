@@ -101,10 +101,10 @@ static double phase(double cosine, double g) {
 
 /* What samples send along a segment, and how far the library may be off. */
 typedef struct Sum {
-    double radiance[3];
+    double radiance[3], reflected[3], passed[3];
     double bound[3];
     double frequency; /* weighted by contributions */
-    int hits;
+    int hits, reflected_hits, passed_hits;
 } Sum;
 
 static void add_twin(Sum *sum, const PointSample *sample, const Medium *medium,
@@ -131,6 +131,8 @@ static void add_twin(Sum *sum, const PointSample *sample, const Medium *medium,
     m.slack = 0.0;
     integrate(&m, medium, exact);
     sum->hits += exact[0] > 0.0;
+    sum->passed_hits += exact[0] > 0.0 && sample->has_passed;
+    sum->reflected_hits += exact[0] > 0.0 && sample->is_reflected && !sample->has_passed;
 
     const double c = dot(m.d, m.w);
     for (int k = 0; k < 3; ++k) {
@@ -145,6 +147,8 @@ static void add_twin(Sum *sum, const PointSample *sample, const Medium *medium,
          * sharp phase function by p'/p. */
         const double rounding = 2e-5 + channel_of(medium->sigma_t, k) * 4.0 * place + 2e-7 * peak;
         sum->radiance[k] += scale * exact[k];
+        sum->reflected[k] += sample->is_reflected ? scale * exact[k] : 0.0;
+        sum->passed[k] += sample->has_passed ? scale * exact[k] : 0.0;
         sum->frequency += scale * exact[k] / 3.0 * (double)sample->frequency;
         sum->bound[k] += scale * (larger[k] - smaller[k] + larger[k] * rounding);
     }
@@ -187,6 +191,8 @@ static PointSample random_sample(uint64_t *state) {
     sample.flux = rgb((float)test_uniform(state, 0, 1), (float)test_uniform(state, 0, 1),
                       (float)test_uniform(state, 0, 1));
     sample.frequency = (float)test_uniform(state, 0, 1);
+    sample.is_reflected = test_uniform(state, 0, 1) < 0.4;
+    sample.has_passed = test_uniform(state, 0, 1) < 0.3;
     return sample;
 }
 
@@ -283,7 +289,8 @@ static double rgb_channel_error(const FieldRadiance *out, const Sum *sum, int k)
 static void gather_matches_brute_force(void) {
     static PointSample samples[SAMPLE_MAX];
     uint64_t state = 1;
-    int hits[REGIME_COUNT] = {0};
+    int hits[REGIME_COUNT] = {0}, all_hits = 0;
+    long long missed = 0;
     double worst = 0.0;
     for (int n = 0; n < COUNT_CASES; ++n) {
         const int count = SAMPLE_COUNTS[n];
@@ -295,10 +302,16 @@ static void gather_matches_brute_force(void) {
             for (int trial = 0; trial < trials; ++trial) {
                 const int near = (int)test_uniform(&state, 0, count);
                 const Segment segment = random_segment(&state, &samples[near], regime);
-                const FieldRadiance out =
-                    point_gather_portable(&tree, &medium, segment.o, segment.d, segment.length);
+                PointCount met = {.all = 0};
+                const FieldRadiance out = point_gather_portable(&tree, &medium, segment.o,
+                                                                segment.d, segment.length, &met);
                 const Sum sum = twin(samples, count, &medium, &segment);
                 hits[regime] += sum.hits;
+                /* Where nothing arrives, a hit is none for the sum. */
+                if (sum.hits > 0)
+                    missed += llabs((long long)met.all - sum.hits) +
+                              llabs((long long)met.passed - sum.passed_hits) +
+                              llabs((long long)met.reflected - sum.reflected_hits);
                 for (int k = 0; k < 3; ++k) {
                     const double error = rgb_channel_error(&out, &sum, k);
                     worst = test_worse(worst, error / (sum.bound[k] + 1e-30));
@@ -309,6 +322,10 @@ static void gather_matches_brute_force(void) {
                                    sum.radiance[k], sum.bound[k]);
                 }
                 const double slack = (sum.bound[0] + sum.bound[1] + sum.bound[2]) / 3.0 + 1e-12;
+                for (int k = 0; k < 3; ++k) {
+                    ENSURE_NEAR(channel_of(out.reflected, k), sum.reflected[k], 3.0 * slack);
+                    ENSURE_NEAR(channel_of(out.passed, k), sum.passed[k], 3.0 * slack);
+                }
                 ENSURE_NEAR(out.frequency, sum.frequency, slack);
                 ENSURE_NEAR(out.contribution, rgb_mean(out.radiance), 0.0);
             }
@@ -316,8 +333,11 @@ static void gather_matches_brute_force(void) {
     }
     /* Bounds that are never nearly used would be no test. */
     ENSURE(worst > 0.1);
-    for (Regime regime = 0; regime < REGIME_COUNT; ++regime)
+    for (Regime regime = 0; regime < REGIME_COUNT; ++regime) {
         ENSURE(hits[regime] > 200);
+        all_hits += hits[regime];
+    }
+    ENSURE(missed < all_hits / 1000);
 }
 
 static bool is_same(const FieldRadiance *a, const FieldRadiance *b) {
@@ -341,8 +361,9 @@ static void gather_variants_agree_bit_for_bit(void) {
             for (int trial = 0; trial < 100; ++trial) {
                 const int near = (int)test_uniform(&state, 0, count);
                 const Segment s = random_segment(&state, &samples[near], regime);
-                const FieldRadiance a = point_gather_portable(&tree, &medium, s.o, s.d, s.length);
-                const FieldRadiance b = point_gather_avx2(&tree, &medium, s.o, s.d, s.length);
+                const FieldRadiance a =
+                    point_gather_portable(&tree, &medium, s.o, s.d, s.length, NULL);
+                const FieldRadiance b = point_gather_avx2(&tree, &medium, s.o, s.d, s.length, NULL);
                 bright += a.contribution > 0.0f;
                 different += !is_same(&a, &b);
             }
@@ -395,7 +416,7 @@ static void gather_along_a_sample_is_exact(void) {
         PointTree tree = build(&sample, 1, 1);
         const Vec3 o = vec3(0.5f, 0.25f, direction > 0 ? -1.0f : 3.0f);
         const FieldRadiance out =
-            point_gather_portable(&tree, &medium, o, vec3(0, 0, (float)direction), 10.0f);
+            point_gather_portable(&tree, &medium, o, vec3(0, 0, (float)direction), 10.0f, NULL);
         const double kernel = 2.0 / (PI * 0.125 * 0.125), p = phase(-direction, 0.3);
         for (int k = 0; k < 3; ++k) {
             const double sigma_t = channel_of(medium.sigma_t, k);
@@ -427,7 +448,7 @@ static void kernel_is_normalised(void) {
             const float y = radius * (2.2f * ((float)ray + 0.5f) / RAYS - 1.1f);
             const Vec3 o = vec3(4.0f * radius, y, -3.0f * radius);
             const FieldRadiance out =
-                point_gather_portable(&tree, &medium, o, vec3(0, 0, 1), 6.0f * radius);
+                point_gather_portable(&tree, &medium, o, vec3(0, 0, 1), 6.0f * radius, NULL);
             sum += (double)out.radiance.r * 2.2 * (double)radius / RAYS;
         }
         ENSURE_NEAR(sum, 0.5 * phase(0.0, 0.4) * 2.0, 1e-5);
@@ -456,7 +477,7 @@ static PointCloud place(LightBeam *beams, uint64_t count, const Medium *medium,
 
 /* Radiance of the ray that crosses the x axis at a right angle at x = s. */
 static double across(const PointCloud *cloud, float s) {
-    return (double)points_gather(cloud, vec3(s, 0, -50), vec3(0, 0, 1), 100.0f).radiance.r;
+    return (double)points_gather(cloud, vec3(s, 0, -50), vec3(0, 0, 1), 100.0f, NULL).radiance.r;
 }
 
 static const Medium THIN = {
@@ -468,7 +489,7 @@ static void points_tile_a_beam(void) {
         LightBeam beam = straight_beam(7.0f, 0.01f);
         PointCloud cloud =
             place(&beam, 1, &THIN, (PointParams){true, 16.0f, 7.0f / (float)count, 0, 0});
-        ENSURE(cloud.sample_count == (uint64_t)count);
+        ENSURE(cloud.count.all == (uint64_t)count);
         ENSURE(points_bytes(&cloud) > 0);
         const double radius = sqrt(0.6 * 16.0 * 0.01 / PI);
         double worst = 0.0;
@@ -481,7 +502,7 @@ static void points_tile_a_beam(void) {
         ENSURE_NEAR(worst, 0.0, 2e-5);
         ENSURE(across(&cloud, -0.01f) == 0.0 && across(&cloud, 7.01f) == 0.0);
         points_clear(&cloud);
-        ENSURE(cloud.sample_count == 0);
+        ENSURE(cloud.count.all == 0);
     }
 }
 
@@ -512,14 +533,14 @@ static void points_follow_the_covariance(void) {
     for (int i = 0; i < 5; ++i)
         beam.spread.coefficients[i] = a2 * binomial[i] * powf(-0.25f, (float)i);
     PointCloud cloud = place(&beam, 1, &clear, (PointParams){true, 10.0f, 0.1f, 0, 0});
-    ENSURE(cloud.sample_count == 80);
+    ENSURE(cloud.count.all == 80);
     for (int i = 0; i < 80; ++i) {
         const double s = 0.05 + 0.1 * i, width = 1.0 - s / 4.0;
         const double frequency = 1.0 / (1.0 + width * width);
         const double area = 0.02 * 10.0 * (0.4 * cos(PI * frequency) + 0.6);
         ENSURE_NEAR(radius_at(&cloud, (float)s) / sqrt(area / PI), 1.0, 1e-3);
         const FieldRadiance out =
-            points_gather(&cloud, vec3((float)s, 0, -50), vec3(0, 0, 1), 100.0f);
+            points_gather(&cloud, vec3((float)s, 0, -50), vec3(0, 0, 1), 100.0f, NULL);
         ENSURE_NEAR(out.frequency / out.contribution, frequency, 1e-3);
     }
     points_clear(&cloud);
@@ -556,7 +577,7 @@ static void points_do_not_depend_on_the_cut(void) {
         for (int i = 0; i < 3; ++i) {
             PointCloud cloud =
                 place(beams, 4, &medium, (PointParams){false, 4.0f, spacings[i], 0, 0});
-            cuts[i] = points_gather(&cloud, s.o, s.d, s.length);
+            cuts[i] = points_gather(&cloud, s.o, s.d, s.length, NULL);
             points_clear(&cloud);
         }
         const double fine = (double)cuts[0].radiance.r;
@@ -586,17 +607,17 @@ static void parts_add_up(void) {
     uint64_t count = 0;
     for (uint32_t k = 0; k < PARTS; ++k) {
         parts[k] = place(beams, BEAMS, &THIN, (PointParams){true, 16.0f, 0.3f, k, PARTS});
-        ENSURE(parts[k].sample_count > 0 && parts[k].sample_count < whole.sample_count);
-        count += parts[k].sample_count;
+        ENSURE(parts[k].count.all > 0 && parts[k].count.all < whole.count.all);
+        count += parts[k].count.all;
     }
-    ENSURE(count == whole.sample_count);
+    ENSURE(count == whole.count.all);
     double worst = 0.0;
     for (int trial = 0; trial < 200; ++trial) {
         const Vec3 o = random_point(&state, 0.5), d = random_direction(&state);
-        const double expected = (double)points_gather(&whole, o, d, 3.0f).radiance.g;
+        const double expected = (double)points_gather(&whole, o, d, 3.0f, NULL).radiance.g;
         double sum = 0.0;
         for (uint32_t k = 0; k < PARTS; ++k)
-            sum += (double)points_gather(&parts[k], o, d, 3.0f).radiance.g;
+            sum += (double)points_gather(&parts[k], o, d, 3.0f, NULL).radiance.g;
         worst = test_worse(worst, expected > 0.0 ? fabs(sum / expected - 1.0) : sum);
     }
     ENSURE_NEAR(worst, 0.0, 1e-4);
@@ -636,7 +657,7 @@ static void gather_is_finite_at_the_limits(void) {
                     if (trial % 3 == 0)
                         s.length = lengths[(b + (size_t)trial) % 5];
                     const FieldRadiance out =
-                        point_gather_select()(&tree, &medium, s.o, s.d, s.length);
+                        point_gather_select()(&tree, &medium, s.o, s.d, s.length, NULL);
                     all_finite = all_finite && is_finite(&out);
                     none_negative = none_negative && out.radiance.r >= 0.0f;
                     bright += out.radiance.r > 0.0f;
@@ -653,16 +674,20 @@ static void gather_skips_what_is_beside_the_segment(void) {
     PointTree tree = build(&sample, 1, 1);
     const Vec3 up = vec3(0, 0, 1);
     const Vec3 below = vec3(0.5f, 0, -1);
-    ENSURE(point_gather_portable(&tree, &THIN, below, up, 2.0f).radiance.r > 0.0f);
+    ENSURE(point_gather_portable(&tree, &THIN, below, up, 2.0f, NULL).radiance.r > 0.0f);
     /* Ends before, begins behind, passes by on all sides. */
-    ENSURE(point_gather_portable(&tree, &THIN, below, up, 0.89f).radiance.r == 0.0f);
-    ENSURE(point_gather_portable(&tree, &THIN, vec3(0.5f, 0, 0.11f), up, 2.0f).radiance.r == 0.0f);
-    ENSURE(point_gather_portable(&tree, &THIN, vec3(0.5f, 0.101f, -1), up, 2.0f).radiance.r == 0);
-    ENSURE(point_gather_portable(&tree, &THIN, vec3(-1e-5f, 0, -1), up, 2.0f).radiance.r == 0);
-    ENSURE(point_gather_portable(&tree, &THIN, vec3(1.00001f, 0, -1), up, 2.0f).radiance.r == 0);
+    ENSURE(point_gather_portable(&tree, &THIN, below, up, 0.89f, NULL).radiance.r == 0.0f);
+    ENSURE(point_gather_portable(&tree, &THIN, vec3(0.5f, 0, 0.11f), up, 2.0f, NULL).radiance.r ==
+           0.0f);
+    ENSURE(point_gather_portable(&tree, &THIN, vec3(0.5f, 0.101f, -1), up, 2.0f, NULL).radiance.r ==
+           0);
+    ENSURE(point_gather_portable(&tree, &THIN, vec3(-1e-5f, 0, -1), up, 2.0f, NULL).radiance.r ==
+           0);
+    ENSURE(point_gather_portable(&tree, &THIN, vec3(1.00001f, 0, -1), up, 2.0f, NULL).radiance.r ==
+           0);
     /* Components of no direction, with either sign of zero. */
     const Vec3 minus = vec3(-0.0f, -0.0f, 1.0f);
-    ENSURE(point_gather_portable(&tree, &THIN, below, minus, 2.0f).radiance.r > 0.0f);
+    ENSURE(point_gather_portable(&tree, &THIN, below, minus, 2.0f, NULL).radiance.r > 0.0f);
     point_tree_clear(&tree);
 }
 
@@ -678,7 +703,7 @@ static void field_without_light_is_dark(void) {
     job_init(&job, 1);
     Field *field = NULL;
     ENSURE_STATUS(field_create(&scene, &light, &params, &job, &field), AMB_OK);
-    const FieldSegment segment = {{0, 0, 0}, {0, 0, 1}, 1.0f, 0, 0};
+    const FieldSegment segment = {{0, 0, 0}, {0, 0, 1}, 1.0f, 0, 0, NULL};
     const FieldRadiance out = field_gather(field, &segment);
     ENSURE(out.contribution == 0.0f && out.frequency == 0.0f && rgb_max(out.radiance) == 0.0f);
     ENSURE(field_size(field).volume_samples == 0);

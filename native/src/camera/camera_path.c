@@ -17,12 +17,32 @@ typedef struct Branch {
     uint32_t depth; /* boundaries so far */
 } Branch;
 
+FieldRadiance walker_gather(Walker *walker, FieldSegment segment, Rgb throughput,
+                            bool has_frequency) {
+    LedgerClock *clock = &walker->clock;
+    FieldTimes times = {0.0, 0.0};
+    segment.times = clock->ledger != NULL ? &times : NULL;
+    const FieldRadiance gathered = has_frequency ? field_gather_frequency(walker->field, &segment)
+                                                 : field_gather(walker->field, &segment);
+    if (clock->ledger != NULL) {
+        ledger_take(clock, LEDGER_LIGHT_BOUNCES, times.reflected);
+        ledger_take(clock, LEDGER_TRANSMITTED, times.passed);
+    }
+    float *parts = walker->out->parts;
+    parts[CAMERA_PART_LIGHT_BOUNCES] += rgb_mean(rgb_mul(throughput, gathered.reflected));
+    parts[CAMERA_PART_TRANSMITTED] += rgb_mean(rgb_mul(throughput, gathered.passed));
+    return gathered;
+}
+
 /* Adds what scattered along the branch inside its medium, and attenuates the branch. */
 static void pass_medium(Walker *walker, Branch *branch, float length) {
     const Medium *medium = &medium_stack_material(walker->scene, &branch->stack)->medium;
-    const FieldSegment segment = {vec3_madd(branch->o, -branch->before, branch->d), branch->d,
-                                  branch->before + length, medium_stack_top(&branch->stack),
-                                  walker->part};
+    const FieldSegment segment = {vec3_madd(branch->o, -branch->before, branch->d),
+                                  branch->d,
+                                  branch->before + length,
+                                  medium_stack_top(&branch->stack),
+                                  walker->part,
+                                  NULL};
     if (walker->observer != NULL && medium_scatters(medium))
         walker->observer->see_medium(walker->observer->user, &branch->way, &segment, 0,
                                      branch->throughput);
@@ -32,9 +52,8 @@ static void pass_medium(Walker *walker, Branch *branch, float length) {
     if (gathers > 0.0f) {
         const Rgb throughput = rgb_scale(branch->throughput, gathers);
         const LedgerEntry before = ledger_open(&walker->clock, LEDGER_SINGLE);
-        const FieldRadiance gathered = walker->has_frequency
-                                           ? field_gather_frequency(walker->field, &segment)
-                                           : field_gather(walker->field, &segment);
+        const FieldRadiance gathered =
+            walker_gather(walker, segment, throughput, walker->has_frequency);
         ledger_close(&walker->clock, before);
         CameraSample *out = walker->out;
         const Rgb single = rgb_mul(throughput, gathered.radiance);

@@ -14,8 +14,10 @@ enum {
     CAMERA_PART_REFLECTION,
     CAMERA_PART_BACKGROUND,
     CAMERA_PART_BOUNCES,
-    CAMERA_PART_WORLD_LIGHT, /* scattered light of the surroundings, as walks find it */
-    CAMERA_PART_CAUSTICS,    /* on opaque surfaces, seen directly or by way of objects */
+    CAMERA_PART_WORLD_LIGHT,   /* scattered light of the surroundings, as walks find it */
+    CAMERA_PART_CAUSTICS,      /* on opaque surfaces, seen directly or by way of objects */
+    CAMERA_PART_LIGHT_BOUNCES, /* see FieldRadiance, of gathers from the light field; */
+    CAMERA_PART_TRANSMITTED,   /* where photons bring later orders these are not in them */
     CAMERA_PART_COUNT
 };
 

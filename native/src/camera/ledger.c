@@ -29,11 +29,22 @@ uint64_t ledger_ns(const Ledger *ledger, uint32_t object, LedgerEntry entry) {
     return atomic_load(place(ledger, object, entry));
 }
 
+static void book(const LedgerClock *clock, LedgerEntry entry, double seconds) {
+    atomic_fetch_add_explicit(place(clock->ledger, clock->object, entry), (uint64_t)(1e9 * seconds),
+                              memory_order_relaxed);
+}
+
 void ledger_switch(LedgerClock *clock, LedgerEntry entry, uint32_t object) {
     const double now = clock_thread_cpu();
-    atomic_fetch_add_explicit(place(clock->ledger, clock->object, clock->entry),
-                              (uint64_t)(1e9 * (now - clock->since)), memory_order_relaxed);
+    book(clock, clock->entry, now - clock->since);
     clock->entry = entry;
     clock->object = object;
     clock->since = now;
+}
+
+void ledger_take(LedgerClock *clock, LedgerEntry entry, double seconds) {
+    if (ledger_is_way(clock->entry) || !(seconds > 0.0))
+        return;
+    book(clock, entry, seconds);
+    clock->since += seconds;
 }

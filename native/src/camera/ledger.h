@@ -19,7 +19,9 @@ typedef enum LedgerEntry {
     LEDGER_DOUBLE,
     LEDGER_MULTIPLE, /* and all later orders where they are looked up together */
     LEDGER_WORLD_LIGHT,
-    LEDGER_SURFACES, /* likewise what is asked for on the way of light to opaque surfaces */
+    LEDGER_LIGHT_BOUNCES, /* of these four's gathers that of light reflected inside, */
+    LEDGER_TRANSMITTED,   /* and of light that has passed an object, reflected or not */
+    LEDGER_SURFACES,      /* likewise what is asked for on the way of light to opaque surfaces */
     LEDGER_CAUSTICS,
     LEDGER_ENTRY_COUNT
 } LedgerEntry;
@@ -49,12 +51,19 @@ typedef struct LedgerClock {
 /* Books the time until now and opens another entry. */
 void ledger_switch(LedgerClock *clock, LedgerEntry entry, uint32_t object);
 
+/* What is done along the way of these is theirs. */
+static inline bool ledger_is_way(LedgerEntry entry) {
+    return entry != LEDGER_RAYS && (entry < LEDGER_SINGLE || entry >= LEDGER_SURFACES);
+}
+
+/* Takes some of the time since the open entry was opened for another one, unless the open one has
+ * precedence. */
+void ledger_take(LedgerClock *clock, LedgerEntry entry, double seconds);
+
 /* Opens an entry, unless the open one has precedence; returns that for ledger_close. */
 static inline LedgerEntry ledger_open(LedgerClock *clock, LedgerEntry entry) {
     const LedgerEntry before = clock->entry;
-    const bool is_way =
-        before != LEDGER_RAYS && (before < LEDGER_SINGLE || before >= LEDGER_SURFACES);
-    const bool yields = is_way && entry >= LEDGER_SINGLE && entry < LEDGER_SURFACES;
+    const bool yields = ledger_is_way(before) && !ledger_is_way(entry);
     if (clock->ledger != NULL && !yields && entry != before)
         ledger_switch(clock, entry, clock->object);
     return before;

@@ -236,25 +236,25 @@ static void pass(Walk *walk, const Target *target, float probability) {
 }
 
 static void gather(Walk *walk, float length) {
-    const Walker *walker = walk->walker;
+    Walker *walker = walk->walker;
     if (walk->order == 0 || !wants_order(walker->params, walk->order + 1))
         return;
-    const FieldSegment segment = {walk->o, walk->d, length, medium_stack_top(&walk->stack),
-                                  walker->part};
+    const FieldSegment segment = {walk->o,      walk->d, length, medium_stack_top(&walk->stack),
+                                  walker->part, NULL};
     if (walker->observer != NULL)
         walker->observer->see_medium(walker->observer->user, &walker->way, &segment, walk->order,
                                      walk->throughput);
     if (walker->field == NULL)
         return;
-    add(walk, walk->order + 1, field_gather(walker->field, &segment).radiance);
+    add(walk, walk->order + 1, walker_gather(walker, segment, walk->throughput, false).radiance);
 }
 
 /* The same for all that has scattered before, where it is known: then nothing is left to a walk
  * but what the walls reflect. */
 static void gather_later(Walk *walk, float length) {
     const CameraParams *params = walk->walker->params;
-    const FieldSegment segment = {walk->o, walk->d, length, medium_stack_top(&walk->stack),
-                                  walk->walker->part};
+    const FieldSegment segment = {
+        walk->o, walk->d, length, medium_stack_top(&walk->stack), walk->walker->part, NULL};
     const ScatterRadiance radiance = scatter_gather(params->scatter, &segment);
     if ((params->effects & AMB_EFFECT_WORLD_LIGHT) != 0 && wants_order(params, 1))
         add(walk, 1, radiance.once);

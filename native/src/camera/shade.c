@@ -56,11 +56,12 @@ static void pass_medium(Walker *walker, LightPath *path, float length, Rgb glow)
             walker->field != NULL && (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0;
         const float gathers = is_wanted ? walker_gathers(walker, throughput) : 0.0f;
         if (gathers > 0.0f) {
-            const FieldSegment segment = {path->o, path->d, length, medium_stack_top(&path->stack),
-                                          walker->part};
+            const FieldSegment segment = {
+                path->o, path->d, length, medium_stack_top(&path->stack), walker->part, NULL};
+            const Rgb weight = rgb_scale(throughput, gathers);
+            const FieldRadiance gathered = walker_gather(walker, segment, weight, false);
             Rgb *single = &walker->out->orders[0];
-            *single = rgb_madd(*single, rgb_scale(throughput, gathers),
-                               field_gather(walker->field, &segment).radiance);
+            *single = rgb_madd(*single, weight, gathered.radiance);
         }
         /* As along the camera's path: what walls reflect goes on in the walk. */
         if (path->bounces == 0 && walk_is_wanted(walker->params))

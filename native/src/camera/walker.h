@@ -39,6 +39,10 @@ static inline void walker_note(Walker *walker, const CameraWay *way, Rgb radianc
         parts[CAMERA_PART_BOUNCES] += mean;
 }
 
+/* Gathers from the light field along a stretch of this throughput. */
+FieldRadiance walker_gather(Walker *walker, FieldSegment segment, Rgb throughput,
+                            bool has_frequency);
+
 static inline float walker_random(Walker *walker) {
     return rng_float(walker->rng, walker->dimension++);
 }

@@ -143,14 +143,19 @@ static FieldRadiance gather_points(const Field *field, const FieldSegment *segme
     const bool is_part = segment->part > 0 && field->part_count > 1;
     const float scale = is_part ? (float)field->part_count : 1.0f;
     FieldRadiance sum = {.radiance = {0, 0, 0}};
+    PointCount met = {.all = 0};
+    const double begin = segment->times != NULL ? clock_thread_cpu() : 0.0;
     for (uint32_t k = 0; k < field->part_count; ++k) {
-        if (clouds[k].sample_count == 0 || (is_part && segment->part != k + 1))
+        if (clouds[k].count.all == 0 || (is_part && segment->part != k + 1))
             continue;
-        const FieldRadiance part =
-            points_gather(&clouds[k], segment->o, segment->d, segment->length);
-        sum.radiance = rgb_add(sum.radiance, rgb_scale(part.radiance, scale));
-        sum.frequency += scale * part.frequency;
-        sum.contribution += scale * part.contribution;
+        const FieldRadiance part = points_gather(&clouds[k], segment->o, segment->d,
+                                                 segment->length, segment->times ? &met : NULL);
+        sum = field_radiance_add(sum, field_radiance_scale(part, scale));
+    }
+    if (met.all > 0) {
+        const double each = (clock_thread_cpu() - begin) / (double)met.all;
+        segment->times->passed += each * (double)met.passed;
+        segment->times->reflected += each * (double)met.reflected;
     }
     return sum;
 }
@@ -159,17 +164,12 @@ static FieldRadiance gather(const Field *field, const FieldSegment *segment, boo
     const uint32_t o = segment->object;
     FieldRadiance sum = {.radiance = {0, 0, 0}};
     if (field->tubes != NULL && field->tubes[o].tube_count > 0)
-        sum =
-            tubes_gather(&field->tubes[o], segment->o, segment->d, segment->length, has_frequency);
+        sum = tubes_gather(&field->tubes[o], segment, has_frequency);
     if (field->specular != NULL && field->specular[o].tree.cell_count > 0)
         sum = specular_gather(&field->specular[o], segment->o, segment->d, segment->length);
     if (field->clouds == NULL)
         return sum;
-    const FieldRadiance points = gather_points(field, segment);
-    sum.radiance = rgb_add(sum.radiance, points.radiance);
-    sum.frequency += points.frequency;
-    sum.contribution += points.contribution;
-    return sum;
+    return field_radiance_add(sum, gather_points(field, segment));
 }
 
 static FieldRadiance gather_finite(const Field *field, const FieldSegment *segment,
@@ -199,6 +199,7 @@ FieldSize field_size(const Field *field) {
         if (field->tubes != NULL) {
             size.tubes += field->tubes[o].tube_count;
             size.bytes += tubes_bytes(&field->tubes[o]);
+            size.reflected_bytes += tubes_reflected_bytes(&field->tubes[o]);
         }
         if (field->specular != NULL) {
             size.lit_triangles += field->specular[o].tree.cell_count;
@@ -206,8 +207,12 @@ FieldSize field_size(const Field *field) {
         }
         for (uint32_t k = 0; field->clouds != NULL && k < field->part_count; ++k) {
             const PointCloud *cloud = &field->clouds[o * field->part_count + k];
-            size.volume_samples += cloud->sample_count;
-            size.point_bytes += points_bytes(cloud);
+            const uint64_t bytes = points_bytes(cloud);
+            const double each = cloud->count.all > 0 ? (double)bytes / (double)cloud->count.all : 0;
+            size.volume_samples += cloud->count.all;
+            size.point_bytes += bytes;
+            size.passed_bytes += (uint64_t)(each * (double)cloud->count.passed);
+            size.reflected_bytes += (uint64_t)(each * (double)cloud->count.reflected);
         }
     }
     size.bytes += size.point_bytes;

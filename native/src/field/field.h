@@ -23,20 +23,45 @@ typedef struct FieldParams {
                               * light pass */
 } FieldParams;
 
+/* CPU seconds of gathers, by what the light did before: of light that has passed an object, and of
+ * other light that was reflected inside. */
+typedef struct FieldTimes {
+    double passed, reflected;
+} FieldTimes;
+
 /* A straight stretch of a camera path inside one medium. */
 typedef struct FieldSegment {
-    Vec3 o, d;       /* d unit, direction of travel away from the camera */
-    float length;    /* m, finite */
-    uint32_t object; /* whose medium */
-    uint32_t part;   /* 0: all light; k: that of part k of the field, as if it were all: over the
-                      * parts the mean is the whole */
+    Vec3 o, d;         /* d unit, direction of travel away from the camera */
+    float length;      /* m, finite */
+    uint32_t object;   /* whose medium */
+    uint32_t part;     /* 0: all light; k: that of part k of the field, as if it were all: over the
+                        * parts the mean is the whole */
+    FieldTimes *times; /* NULL: not asked for */
 } FieldSegment;
 
 typedef struct FieldRadiance {
     Rgb radiance;       /* W m^-2 sr^-1, at the segment's start, inside the medium (no n^2) */
     float frequency;    /* sum of contribution * frequency factor of its sample, where wanted */
     float contribution; /* sum of contributions (mean of channels): the weight of frequency */
+    Rgb reflected;      /* of radiance, light that was reflected inside before it scattered, */
+    Rgb passed;         /* and light that has passed an object before; they overlap */
 } FieldRadiance;
+
+static inline FieldRadiance field_radiance_add(FieldRadiance a, FieldRadiance b) {
+    return (FieldRadiance){.radiance = rgb_add(a.radiance, b.radiance),
+                           .frequency = a.frequency + b.frequency,
+                           .contribution = a.contribution + b.contribution,
+                           .reflected = rgb_add(a.reflected, b.reflected),
+                           .passed = rgb_add(a.passed, b.passed)};
+}
+
+static inline FieldRadiance field_radiance_scale(FieldRadiance a, float s) {
+    return (FieldRadiance){.radiance = rgb_scale(a.radiance, s),
+                           .frequency = s * a.frequency,
+                           .contribution = s * a.contribution,
+                           .reflected = rgb_scale(a.reflected, s),
+                           .passed = rgb_scale(a.passed, s)};
+}
 
 /* Builds the field of an estimator: points from the light pass; tubes and specular, which refract
  * at the mesh's own triangles, from the scene, and light may be NULL. Where it is not, tubes are
@@ -60,6 +85,9 @@ uint64_t field_nonfinite(const Field *field, uint32_t object);
 typedef struct FieldSize {
     uint64_t volume_samples, tubes, lit_triangles;
     uint64_t point_bytes, bytes; /* of volume samples; of all */
+    /* Of the latter, what holds light that has passed an object, and other light that was
+     * reflected inside. */
+    uint64_t passed_bytes, reflected_bytes;
 } FieldSize;
 
 FieldSize field_size(const Field *field);

@@ -77,7 +77,7 @@ static double camera_cost(const Costs *costs, uint32_t object, LedgerEntry entry
     return costs->per_ns * (double)ledger_ns(&costs->render->ledger, object, entry);
 }
 
-/* Where the camera's time of an effect is booked; false where it is inside of others'. */
+/* Where the camera's time of an effect is booked; false where nothing is. */
 static bool ledger_entry(uint32_t effect, LedgerEntry *out_entry) {
     static const struct {
         uint32_t effect;
@@ -87,6 +87,8 @@ static bool ledger_entry(uint32_t effect, LedgerEntry *out_entry) {
                  {PLAN_SURFACE_REFLECTION, LEDGER_REFLECTION},
                  {PLAN_BACKGROUND, LEDGER_BACKGROUND},
                  {PLAN_WORLD_LIGHT, LEDGER_WORLD_LIGHT},
+                 {PLAN_LIGHT_BOUNCES, LEDGER_LIGHT_BOUNCES},
+                 {PLAN_TRANSMITTED_LIGHT, LEDGER_TRANSMITTED},
                  {PLAN_LIGHT_ON_SURFACES, LEDGER_SURFACES},
                  {PLAN_CAUSTICS, LEDGER_CAUSTICS},
                  {PLAN_DOUBLE_SCATTERING, LEDGER_DOUBLE},
@@ -99,11 +101,22 @@ static bool ledger_entry(uint32_t effect, LedgerEntry *out_entry) {
     return false;
 }
 
-/* What is built before the camera's stage is the effect's that needs it first. */
+/* What is built before the camera's stage is the effect's that needs it first; the light field,
+ * by the bytes that hold its light, also that of light that was reflected or has passed an object.
+ */
 static double light_cost(const AmbRender *render, uint32_t effect) {
     const bool has_multiple = render->plan.effects[PLAN_MULTIPLE_SCATTERING].is_simulated;
+    const FieldSize *size = &render->account.size;
+    const double field = render->light_costs[LIGHT_COST_FIELD];
+    const double each = size->bytes > 0 ? field / (double)size->bytes : 0.0;
+    const double passed = each * (double)size->passed_bytes;
+    const double reflected = each * (double)size->reflected_bytes;
     if (effect == PLAN_SINGLE_SCATTERING)
-        return render->light_costs[LIGHT_COST_FIELD];
+        return field - passed - reflected;
+    if (effect == PLAN_LIGHT_BOUNCES)
+        return reflected;
+    if (effect == PLAN_TRANSMITTED_LIGHT)
+        return passed;
     if (effect == (has_multiple ? PLAN_MULTIPLE_SCATTERING : PLAN_DOUBLE_SCATTERING))
         return render->light_costs[LIGHT_COST_SCATTER];
     return effect == PLAN_CAUSTICS ? render->light_costs[LIGHT_COST_CAUSTICS] : 0.0;
@@ -157,6 +170,8 @@ static bool measured_share(const FilmShares *shares, uint32_t effect, double *ou
                  {PLAN_BACKGROUND, CAMERA_PART_BACKGROUND, false},
                  {PLAN_CAMERA_BOUNCES, CAMERA_PART_BOUNCES, false},
                  {PLAN_WORLD_LIGHT, CAMERA_PART_WORLD_LIGHT, false},
+                 {PLAN_LIGHT_BOUNCES, CAMERA_PART_LIGHT_BOUNCES, false},
+                 {PLAN_TRANSMITTED_LIGHT, CAMERA_PART_TRANSMITTED, false},
                  {PLAN_CAUSTICS, CAMERA_PART_CAUSTICS, false}};
     for (uint32_t i = 0; i < sizeof known / sizeof known[0]; ++i)
         if (known[i].effect == effect) {

@@ -26,8 +26,9 @@ typedef struct Query {
 } Query;
 
 typedef struct Sums {
-    Lanes radiance[3];
+    Lanes radiance[3], reflected[3], passed[3];
     Lanes frequency;
+    PointCount *met; /* or NULL */
 } Sums;
 
 typedef struct Lanes3 {
@@ -92,9 +93,9 @@ typedef struct Chord {
     Lanes c;               /* s = above + c tau */
 } Chord;
 
-/* Adds the integral along a chord on one side of s = 0; returns the sum of its channels. */
-static inline Lanes gather_chord(const Chord *chord, const Medium *medium, const Lanes scale[3],
-                                 Sums *sums) {
+/* Adds the integral along a chord on one side of s = 0. */
+static inline void gather_chord(const Chord *chord, const Medium *medium, const Lanes scale[3],
+                                Lanes radiance[3]) {
     const Lanes half = 0.5f * (chord->end - chord->begin);
     const Lanes middle = 0.5f * (chord->end + chord->begin);
     /* R^2 - r^2 by u = (tau - middle) / half. */
@@ -108,13 +109,37 @@ static inline Lanes gather_chord(const Chord *chord, const Medium *medium, const
     const Lanes path0 = chord->start + chord->begin + s0;
     const Lanes path1 = chord->start + chord->end + s1;
     const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
-    Lanes total = zero;
-    for (int a = 0; a < 3; ++a) {
-        const Lanes value = half * scale[a] * attenuated(&kernel, sigma_t[a], path0, path1);
-        sums->radiance[a] += value;
-        total += value;
-    }
-    return total;
+    for (int a = 0; a < 3; ++a)
+        radiance[a] += half * scale[a] * attenuated(&kernel, sigma_t[a], path0, path1);
+}
+
+static inline LaneMask lanes_of(uint32_t bits) {
+    const LaneMask lanes = {1, 2, 4, 8, 16, 32, 64, 128};
+    return (lanes & (int32_t)bits) != 0;
+}
+
+static inline void add_lanes(Lanes sums[3], const Lanes radiance[3], uint32_t bits) {
+    const LaneMask mask = lanes_of(bits);
+    for (int a = 0; a < 3; ++a)
+        sums[a] += (Lanes)((LaneMask)radiance[a] & mask);
+}
+
+/* Adds what the samples of a block send, those that are hit. */
+static inline void add_block(const PointBlock *block, const Lanes radiance[3], uint32_t hit,
+                             Sums *sums) {
+    for (int a = 0; a < 3; ++a)
+        sums->radiance[a] += radiance[a];
+    sums->frequency += (radiance[0] + radiance[1] + radiance[2]) * lanes_load(block->frequency);
+    if ((hit & block->reflected) != 0)
+        add_lanes(sums->reflected, radiance, block->reflected);
+    if ((hit & block->passed) != 0)
+        add_lanes(sums->passed, radiance, block->passed);
+    if (sums->met == NULL)
+        return;
+    sums->met->all += (uint64_t)__builtin_popcount(hit);
+    sums->met->passed += (uint64_t)__builtin_popcount(hit & block->passed);
+    sums->met->reflected +=
+        (uint64_t)__builtin_popcount(hit & block->reflected & ~(uint32_t)block->passed);
 }
 
 /* Adds what the samples of a block send along the segment. */
@@ -187,13 +212,14 @@ static inline void gather_block(const PointBlock *block, const Medium *medium, c
     const Lanes entry = lanes_select(is_entry, -chord.above / steep, chord.end);
     const Lanes end_of_all = chord.end;
     chord.end = lanes_max(chord.begin, lanes_min(entry, end_of_all));
-    Lanes total = gather_chord(&chord, medium, scatter, sums);
+    Lanes radiance[3] = {zero, zero, zero};
+    gather_chord(&chord, medium, scatter, radiance);
     if (lanes_bits(is_entry) != 0) {
         chord.begin = chord.end;
         chord.end = end_of_all;
-        total += gather_chord(&chord, medium, scatter, sums);
+        gather_chord(&chord, medium, scatter, radiance);
     }
-    sums->frequency += total * lanes_load(block->frequency);
+    add_block(block, radiance, lanes_bits(is_hit), sums);
 }
 
 enum { CACHE_LINE = 64 };
@@ -208,8 +234,12 @@ static inline void prefetch_child(const PointTree *tree, int32_t child) {
         __builtin_prefetch(begin + at);
 }
 
+static inline Rgb sum_lanes(const Lanes sums[3]) {
+    return rgb(lanes_sum(sums[0]), lanes_sum(sums[1]), lanes_sum(sums[2]));
+}
+
 FieldRadiance AMB_POINT_GATHER(const PointTree *tree, const Medium *medium, Vec3 o, Vec3 d,
-                               float length) {
+                               float length, PointCount *met) {
     Query q = {{o.x, o.y, o.z}, {d.x, d.y, d.z}, {0, 0, 0}, length};
     for (int a = 0; a < 3; ++a) {
         /* 0 * infinity is not a number: a direction without this component gets a huge slope. */
@@ -217,7 +247,11 @@ FieldRadiance AMB_POINT_GATHER(const PointTree *tree, const Medium *medium, Vec3
         q.inverse[a] = 1.0f / component;
     }
     const Lanes zero = lanes_set(0.0f);
-    Sums sums = {{zero, zero, zero}, zero};
+    Sums sums = {.radiance = {zero, zero, zero},
+                 .reflected = {zero, zero, zero},
+                 .passed = {zero, zero, zero},
+                 .frequency = zero,
+                 .met = met};
     int32_t stack[STACK_MAX];
     int depth = 0;
     stack[depth++] = 0;
@@ -236,8 +270,9 @@ FieldRadiance AMB_POINT_GATHER(const PointTree *tree, const Medium *medium, Vec3
         }
     }
     FieldRadiance out;
-    out.radiance =
-        rgb(lanes_sum(sums.radiance[0]), lanes_sum(sums.radiance[1]), lanes_sum(sums.radiance[2]));
+    out.radiance = sum_lanes(sums.radiance);
+    out.reflected = sum_lanes(sums.reflected);
+    out.passed = sum_lanes(sums.passed);
     out.frequency = lanes_sum(sums.frequency) / 3.0f;
     out.contribution = rgb_mean(out.radiance);
     return out;

@@ -189,6 +189,8 @@ static Box fill_block(const Builder *builder, uint64_t block) {
         out->flux[1][lane] = s->flux.g;
         out->flux[2][lane] = s->flux.b;
         out->frequency[lane] = s->frequency;
+        out->reflected |= (uint8_t)((s->is_reflected ? 1u : 0u) << lane);
+        out->passed |= (uint8_t)((s->has_passed ? 1u : 0u) << lane);
         box = box_union(box, sample_box(s));
     }
     return box;

@@ -10,12 +10,19 @@ enum { POINT_LANES = 8 };
 
 /* A volume sample: a cylinder around origin + s direction, low <= s < high. */
 typedef struct PointSample {
-    Vec3 origin, direction; /* m, unit */
-    float low, high;        /* m along direction */
-    float radius;           /* m */
-    Rgb flux;               /* W at the origin */
-    float frequency;        /* factor in [0,1] */
+    Vec3 origin, direction;        /* m, unit */
+    float low, high;               /* m along direction */
+    float radius;                  /* m */
+    Rgb flux;                      /* W at the origin */
+    float frequency;               /* factor in [0,1] */
+    bool is_reflected, has_passed; /* see FieldRadiance */
 } PointSample;
+
+/* Samples by what their light did before. */
+typedef struct PointCount {
+    uint64_t all;
+    uint64_t passed, reflected; /* of these; reflected: that have not passed */
+} PointCount;
 
 /* Eight samples side by side; unused lanes are all zero and never hit. */
 typedef struct PointBlock {
@@ -26,6 +33,7 @@ typedef struct PointBlock {
     float normalization[POINT_LANES]; /* 2 / (pi R^4) of the kernel, m^-4 */
     float flux[3][POINT_LANES];
     float frequency[POINT_LANES];
+    uint8_t reflected, passed; /* bit by lane */
 } PointBlock;
 
 /* child > 0: node; child < 0: block ~child; 0: unused, as are all after it. */

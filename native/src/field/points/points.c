@@ -55,7 +55,9 @@ static PointSample place_sample(const LightBeam *beam, const Medium *medium,
                           .high = step,
                           .radius = kernel_radius(area),
                           .flux = rgb_mul(beam->flux, medium_transmittance(medium, s)),
-                          .frequency = frequency};
+                          .frequency = frequency,
+                          .is_reflected = beam->bounces > 0,
+                          .has_passed = beam->has_passed};
     if (k == 0)
         sample.low -= sample.radius * fminf(beam->start_slope, SLOPE_MAX);
     if (k == count - 1)
@@ -89,13 +91,19 @@ static AmbStatus place_grain(void *user, uint64_t begin, uint64_t end, uint32_t 
 }
 
 /* Numbers the samples, so that every thread knows where its own go. */
-static uint64_t count_samples(const LightBeams *beams, const PointParams *params,
-                              uint64_t *out_first) {
-    uint64_t count = 0;
+static PointCount count_samples(const LightBeams *beams, const PointParams *params,
+                                uint64_t *out_first) {
+    PointCount count = {.all = 0};
     for (uint64_t i = 0; i < beams->count; ++i) {
+        const LightBeam *beam = &beams->beams[i];
         if (i % BEAM_GRAIN == 0)
-            out_first[i / BEAM_GRAIN] = count;
-        count += samples_of(&beams->beams[i], params);
+            out_first[i / BEAM_GRAIN] = count.all;
+        const uint64_t samples = samples_of(beam, params);
+        count.all += samples;
+        if (beam->has_passed)
+            count.passed += samples;
+        else if (beam->bounces > 0)
+            count.reflected += samples;
     }
     return count;
 }
@@ -111,7 +119,8 @@ AmbStatus points_build(const LightBeams *beams, const Medium *medium, const Poin
         .first = memory_alloc_array(beams->count / BEAM_GRAIN + 1, sizeof *placement.first)};
     if (placement.first == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for volume samples");
-    const uint64_t count = count_samples(beams, params, placement.first);
+    const PointCount kinds = count_samples(beams, params, placement.first);
+    const uint64_t count = kinds.all;
     placement.samples = memory_alloc_array(count, sizeof *placement.samples);
     AmbStatus status = AMB_OK;
     if (placement.samples == NULL)
@@ -124,7 +133,7 @@ AmbStatus points_build(const LightBeams *beams, const Medium *medium, const Poin
     memory_free(placement.samples);
     memory_free(placement.first);
     if (status == AMB_OK) {
-        out_cloud->sample_count = count;
+        out_cloud->count = kinds;
         out_cloud->medium = *medium;
     }
     return status;
@@ -140,6 +149,7 @@ uint64_t points_bytes(const PointCloud *cloud) {
            cloud->tree.block_count * sizeof(PointBlock);
 }
 
-FieldRadiance points_gather(const PointCloud *cloud, Vec3 o, Vec3 d, float length) {
-    return point_gather_select()(&cloud->tree, &cloud->medium, o, d, length);
+FieldRadiance points_gather(const PointCloud *cloud, Vec3 o, Vec3 d, float length,
+                            PointCount *met) {
+    return point_gather_select()(&cloud->tree, &cloud->medium, o, d, length, met);
 }

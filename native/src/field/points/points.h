@@ -23,7 +23,7 @@ typedef struct PointParams {
 } PointParams;
 
 typedef struct PointCloud {
-    uint64_t sample_count;
+    PointCount count;
     Medium medium;
     PointTree tree;
 } PointCloud;
@@ -33,7 +33,7 @@ AmbStatus points_build(const LightBeams *beams, const Medium *medium, const Poin
 void points_clear(PointCloud *cloud);
 uint64_t points_bytes(const PointCloud *cloud);
 
-/* See field_gather. */
-FieldRadiance points_gather(const PointCloud *cloud, Vec3 o, Vec3 d, float length);
+/* See field_gather. met: counts the samples that send light, by kind; NULL: not asked for. */
+FieldRadiance points_gather(const PointCloud *cloud, Vec3 o, Vec3 d, float length, PointCount *met);
 
 #endif

@@ -389,7 +389,7 @@ FieldRadiance specular_gather(const SpecularField *field, Vec3 o, Vec3 d, float 
         gather.is_turned = true;
         search_tree(&gather, &(BoundQuery){o, vec3d_round(segment->d), length});
     }
-    FieldRadiance out;
+    FieldRadiance out = {.frequency = 0.0f};
     out.radiance = rgb((float)gather.sum[0], (float)gather.sum[1], (float)gather.sum[2]);
     out.frequency = (float)gather.frequency;
     out.contribution = (float)gather.contribution;

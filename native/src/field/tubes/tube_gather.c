@@ -1097,6 +1097,7 @@ static inline bool gather_ray(const TubeTree *tree, const Medium *medium, Vec3 o
         rgb(lanes_sum(sums.radiance[0]), lanes_sum(sums.radiance[1]), lanes_sum(sums.radiance[2]));
     out->frequency = lanes_sum(sums.frequency) / 3.0f;
     out->contribution = rgb_mean(out->radiance);
+    out->reflected = out->passed = rgb(0, 0, 0);
     return true;
 }
 

@@ -652,16 +652,37 @@ uint64_t tubes_bytes(const TubeField *tubes) {
     return bytes;
 }
 
-FieldRadiance tubes_gather(const TubeField *tubes, Vec3 o, Vec3 d, float length,
-                           bool has_frequency) {
+static bool is_reflected(const TubeTree *tree) {
+    return tree->light.value == TUBE_VALUE_IS_FLUX;
+}
+
+uint64_t tubes_reflected_bytes(const TubeField *tubes) {
+    uint64_t bytes = 0;
+    for (uint32_t i = 0; i < tubes->tree_count; ++i)
+        if (is_reflected(&tubes->trees[i]))
+            bytes += tube_tree_bytes(&tubes->trees[i]);
+    return bytes;
+}
+
+/* Trees of one kind. */
+static FieldRadiance gather_kind(const TubeField *tubes, const FieldSegment *segment,
+                                 bool has_frequency, bool reflected) {
     const TubeGather gather = tube_gather_select();
     FieldRadiance sum = {.radiance = {0, 0, 0}};
-    for (uint32_t i = 0; i < tubes->tree_count; ++i) {
-        const FieldRadiance part =
-            gather(&tubes->trees[i], &tubes->medium, o, d, length, has_frequency);
-        sum.radiance = rgb_add(sum.radiance, part.radiance);
-        sum.frequency += part.frequency;
-        sum.contribution += part.contribution;
-    }
+    for (uint32_t i = 0; i < tubes->tree_count; ++i)
+        if (is_reflected(&tubes->trees[i]) == reflected)
+            sum = field_radiance_add(sum, gather(&tubes->trees[i], &tubes->medium, segment->o,
+                                                 segment->d, segment->length, has_frequency));
     return sum;
+}
+
+FieldRadiance tubes_gather(const TubeField *tubes, const FieldSegment *segment,
+                           bool has_frequency) {
+    const FieldRadiance first = gather_kind(tubes, segment, has_frequency, false);
+    const double begin = segment->times != NULL ? clock_thread_cpu() : 0.0;
+    FieldRadiance reflected = gather_kind(tubes, segment, has_frequency, true);
+    if (segment->times != NULL)
+        segment->times->reflected += clock_thread_cpu() - begin;
+    reflected.reflected = reflected.radiance;
+    return field_radiance_add(first, reflected);
 }

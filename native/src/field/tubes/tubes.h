@@ -44,9 +44,9 @@ AmbStatus tubes_build(const AmbScene *scene, uint32_t object, const TubeParams *
                       TubeCount *count, TubeField *out_tubes);
 void tubes_clear(TubeField *tubes);
 uint64_t tubes_bytes(const TubeField *tubes);
+uint64_t tubes_reflected_bytes(const TubeField *tubes); /* of these */
 
 /* See field_gather. */
-FieldRadiance tubes_gather(const TubeField *tubes, Vec3 o, Vec3 d, float length,
-                           bool has_frequency);
+FieldRadiance tubes_gather(const TubeField *tubes, const FieldSegment *segment, bool has_frequency);
 
 #endif
