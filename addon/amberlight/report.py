@@ -63,8 +63,10 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     return lines
 
 
-def percent(value: float) -> str:
-    """Two digits, and 140 % as that, not as 1.4e+02 %."""
+def percent(value: float | None) -> str:
+    """Two digits, and 140 % as that, not as 1.4e+02 %. None: beyond all numbers."""
+    if value is None:
+        return "unknown"
     return f"{float(f'{100 * value:.2g}'):g} %"
 
 

@@ -233,8 +233,8 @@ static AmbRenderParams any_params(Story *story) {
     params.samples = 1 + bytes_below(bytes, 2);
     params.estimator = bytes_below(bytes, 32) == 0 ? bytes_u8(bytes) : bytes_below(bytes, 5);
     params.effects = bytes_below(bytes, 2) == 0 ? params.effects : bytes_u8(bytes);
-    params.light_samples = 1 + 8u * bytes_u8(bytes);
-    params.kernel_size = any_float(story, 0.5f, 20.0f);
+    params.light_samples = 1 + 2u * bytes_u8(bytes);
+    params.kernel_size = any_float(story, 0.5f, 6.0f);
     params.light_bounces = bytes_below(bytes, 3);
     params.camera_bounces = bytes_below(bytes, 3);
     params.adjoint_normals = bytes_below(bytes, 2);
@@ -292,6 +292,10 @@ static void check_picture(const Story *story, AmbRender *render, const AmbRender
     checked(amb_render_report(render, report, size, &size));
     FUZZ_HOLDS(!story->is_moderate || strstr(report, "\"nonfinite\": 0,") != NULL,
                "samples were refused: %s", strstr(report, "\"nonfinite\""));
+    static const char *const none[] = {": inf", ": -inf", ": nan", ": -nan", "[inf",  "[-inf",
+                                       "[nan",  "[-nan",  ", inf", ", -inf", ", nan", ", -nan"};
+    for (size_t i = 0; i < sizeof none / sizeof none[0]; ++i)
+        FUZZ_HOLDS(strstr(report, none[i]) == NULL, "JSON has no%s", none[i] + 1);
     free(report);
 }
 

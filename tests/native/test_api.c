@@ -1107,6 +1107,26 @@ static void file_reads_back(void) {
     demo_free(&demo);
 }
 
+/* Light near the largest float has shares and sums beyond all numbers, which JSON has not. */
+static void report_is_json_whatever_the_light(void) {
+    Demo demo = demo_create();
+    for (int k = 0; k < 3; ++k)
+        demo.light.color[k] = 3e38f;
+    demo.params.effects_are_auto = 1;
+    demo.params.width = demo.params.height = 8;
+    AmbScene *scene = demo_scene(&demo);
+    AmbRender *render = finished_render(scene, &demo.params);
+    uint64_t size = 0;
+    ENSURE_STATUS(amb_render_report(render, NULL, 0, &size), AMB_OK);
+    char *report = malloc(size);
+    ENSURE_STATUS(amb_render_report(render, report, size, &size), AMB_OK);
+    check_report(report);
+    free(report);
+    amb_render_destroy(render);
+    amb_scene_destroy(scene);
+    demo_free(&demo);
+}
+
 static void file_that_cannot_be_written_leaves_nothing(void) {
     Demo demo = demo_create();
     AmbScene *scene = demo_scene(&demo);
@@ -1195,5 +1215,6 @@ void test_api(void) {
     RUN(film_can_be_transparent);
     RUN(cancel_takes_a_fifth_of_a_second);
     RUN(file_reads_back);
+    RUN(report_is_json_whatever_the_light);
     RUN(file_that_cannot_be_written_leaves_nothing);
 }

@@ -2,6 +2,7 @@
  * The account of an ended render. */
 #include "render/report.h"
 
+#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 
@@ -25,8 +26,21 @@ static void add(Text *text, const char *format, ...) {
         text->length += (uint64_t)written;
 }
 
+/* JSON knows no number beyond all: light of lamps near the largest float has such sums. */
+static void add_value(Text *text, double value) {
+    if (isfinite(value))
+        add(text, "%.9g", value);
+    else
+        add(text, "null");
+}
+
 static void add_rgb(Text *text, const char *name, const double v[3], const char *end) {
-    add(text, "\"%s\": [%.9g, %.9g, %.9g]%s", name, v[0], v[1], v[2], end);
+    add(text, "\"%s\": ", name);
+    for (int k = 0; k < 3; ++k) {
+        add(text, k > 0 ? ", " : "[");
+        add_value(text, v[k]);
+    }
+    add(text, "]%s", end);
 }
 
 /* A string of the user's, as the inside of a JSON string. */
@@ -40,14 +54,14 @@ static void add_escaped(Text *text, const char *string) {
 }
 
 static void add_number(Text *text, const char *name, bool is_known, double value) {
-    if (is_known)
-        add(text, "\"%s\": %.9g, ", name, value);
-    else
-        add(text, "\"%s\": null, ", name);
+    add(text, "\"%s\": ", name);
+    add_value(text, is_known ? value : (double)NAN);
+    add(text, ", ");
 }
 
 static void add_share(Text *text, const char *name, const Share *share) {
-    if (share->is_known)
+    const bool is_finite = isfinite(share->value) && isfinite(share->low) && isfinite(share->high);
+    if (share->is_known && is_finite)
         add(text, "\"%s\": {\"value\": %.4g, \"low\": %.4g, \"high\": %.4g}", name, share->value,
             share->low, share->high);
     else
@@ -187,11 +201,11 @@ static void add_effects(Text *text, const AmbScene *scene, const Plan *plan,
     const FilmShares shares =
         render != NULL ? film_shares(&render->film) : (FilmShares){.is_known = false};
     const Costs costs = find_costs(render);
-    add(text,
-        "  \"plan\": {\"automatic\": %s, \"share_min\": %.9g, \"omitted\": %.4g, \"probes\": "
-        "%llu, \"cpu_s\": %.6f},\n",
-        plan->is_automatic ? "true" : "false", plan->share_min, plan->omitted,
-        (unsigned long long)plan->probe_count, plan->cpu);
+    add(text, "  \"plan\": {\"automatic\": %s, \"share_min\": %.9g, ",
+        plan->is_automatic ? "true" : "false", plan->share_min);
+    add_number(text, "omitted", true, plan->omitted);
+    add(text, "\"probes\": %llu, \"cpu_s\": %.6f},\n", (unsigned long long)plan->probe_count,
+        plan->cpu);
     add(text, "  \"effects\": [\n");
     for (uint32_t i = 0; i < PLAN_EFFECT_COUNT; ++i) {
         const PlanEffect *effect = &plan->effects[i];
