@@ -256,11 +256,12 @@ static AmbStatus fail_from(void *user, uint64_t begin, uint64_t end, uint32_t th
     if (begin < failing->from)
         return AMB_OK;
     atomic_fetch_add(&failing->failed, 1);
-    status_enter("amb_loop");
     return status_fail(AMB_IO, "item %u", (unsigned)begin);
 }
 
 static void parallel_for_hands_the_first_error_to_its_caller(void) {
+    /* Helpers take over the name of the function that their caller is in. */
+    status_enter("amb_loop");
     for (uint32_t threads = 1; threads <= 7; ++threads) {
         Job job;
         job_init(&job, threads);
@@ -285,6 +286,7 @@ static void parallel_for_hands_the_first_error_to_its_caller(void) {
     AmbErrorInfo info;
     status_copy_record(&info);
     ENSURE(strncmp(info.message, "item ", 5) == 0);
+    ENSURE(strcmp(info.function, "amb_loop") == 0);
 }
 
 static AmbStatus cancel_at(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
