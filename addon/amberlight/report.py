@@ -159,6 +159,8 @@ def accuracy_lines(accuracy: dict[str, Any]) -> list[str]:
     line += f" ({', '.join(parts)})"
     if accuracy.get("reached") is False:
         line += f", target not reached; {accuracy['limit']}"
+        if accuracy.get("in_reach") is False:
+            line += "; more samples a pixel cannot reach it and were not taken"
     return [line]
 
 

@@ -148,6 +148,12 @@ def test_plan_lines():
              "light field: no more"],
         ),
         (
+            {"target": 0.01, "stated": 0.05, "noise": 0.02, "field": 0.0, "caustics": 0.045,
+             "reached": False, "in_reach": False, "limit": "caustics: no more"},
+            ["error: 5 % of 1 % (noise 2 %, light field 0 %, caustics 4.5 %), target not reached; "
+             "caustics: no more; more samples a pixel cannot reach it and were not taken"],
+        ),
+        (
             {"target": 0.01, "stated": 0.008, "noise": 0.006, "field": 0.0, "scatter": 0.0,
              "caustics": 0.005, "pixels": "objects and caustics", "reached": True},
             ["error: 0.8 % with caustics beside objects of 1 % (noise 0.6 %, light field 0 %, "

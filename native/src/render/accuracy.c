@@ -12,8 +12,16 @@
 enum { SAMPLES_FIRST = 4, SAMPLES_MEAN_MAX = 4096 };
 /* A round aims at this part of the noise wanted. */
 static const double NOISE_MARGIN = 0.97;
-/* Where the field's error alone exceeds the target, noise of this part of it is good enough. */
-static const double NOISE_OF_FIELD = 0.5;
+/* Where what samples do not change leaves the noise less of the target's square than this, they do
+ * not try: they would be ten times as many as a target has that is in reach. */
+static const double SPARE_MIN = 0.1;
+/* Then, and where it exceeds the target by itself, noise of a third of the stated error's square is
+ * good enough: without any the error would be a fifth less. */
+static const double HIDDEN_NOISE = 0.5;
+/* The same where the target is in reach, if it is reached with it, */
+static const double SMALL_NOISE = 0.25;
+/* a little below. */
+static const double SPARE_USED = 0.9;
 /* One sequence is more even than its halves tell: its error is about this part of theirs, 1 for
  * noise without order, 0.6 where n^-3/2 holds ([Owen97] for scrambled nets; measured in
  * docs/accuracy.md). */
@@ -69,20 +77,31 @@ static void count_samples(AmbRender *render) {
     pthread_mutex_unlock(&render->lock);
 }
 
-/* Noise to aim at: what the field and photons leave. */
-static double noise_target(const Accuracy *accuracy, const AccuracySet *set) {
-    const double light = light_square(accuracy, set);
-    const double aim = accuracy_aim(accuracy);
-    const double room = aim * aim - light - omitted_square(accuracy, set);
-    const double least = NOISE_OF_FIELD * sqrt(light);
-    return sqrt(fmax(room, least * least));
+/* What more samples of the camera do not change. */
+static double fixed_square(const Accuracy *accuracy, const AccuracySet *set) {
+    return light_square(accuracy, set) + omitted_square(accuracy, set);
 }
 
-/* The noise to aim at of each set; whether all have it. */
-static bool is_calm(const Accuracy *accuracy, double out_targets[ACCURACY_SET_MAX]) {
+/* The square of the stated error to aim at. The worst set's is stated: where that is out of reach
+ * the others need not be better. */
+static double aim_square(Accuracy *accuracy) {
+    const double target = (double)accuracy->target, aim = accuracy_aim(accuracy);
+    double most = 0.0;
+    for (uint32_t s = 0; s < accuracy->set_count; ++s)
+        most = fmax(most, fixed_square(accuracy, &accuracy->sets[s]));
+    const double spare = target * target - most;
+    accuracy->is_in_reach = spare >= SPARE_MIN * target * target;
+    if (!accuracy->is_in_reach)
+        return (1.0 + HIDDEN_NOISE) * most;
+    return fmax(aim * aim, most + fmin(SMALL_NOISE * most, SPARE_USED * spare));
+}
+
+/* The noise to aim at of each set, which is what the rest leaves; whether all have it. */
+static bool is_calm(Accuracy *accuracy, double out_targets[ACCURACY_SET_MAX]) {
+    const double aim = aim_square(accuracy);
     bool is_calm = true;
     for (uint32_t s = 0; s < accuracy->set_count; ++s) {
-        out_targets[s] = noise_target(accuracy, &accuracy->sets[s]);
+        out_targets[s] = sqrt(aim - fixed_square(accuracy, &accuracy->sets[s]));
         is_calm = is_calm && accuracy->sets[s].noise <= out_targets[s];
     }
     return is_calm;

@@ -49,6 +49,7 @@ typedef struct Accuracy {
     double omitted;                     /* the same, of effects that the plan left out */
     AccuracySet sets[ACCURACY_SET_MAX]; /* pixels with objects; those and with caustics */
     uint32_t set_count;
+    bool is_in_reach; /* of more samples of the camera; else they end where noise is a small part */
     bool is_reached;
     const char *limit; /* what keeps the error above the target, one phrase; "" if nothing */
     double samples_mean;

@@ -304,10 +304,13 @@ static void add_accuracy(Text *text, const AmbRender *render) {
     add_number(text, "caustics", accuracy->has_caustics, set->caustics);
     add_number(text, "omitted", render->has_plan, set->objects * accuracy->omitted);
     add_number(text, "field_ratio", accuracy->convergence > 0.0, accuracy->convergence);
-    add(text, "\"reached\": %s, \"limit\": \"%s\", ",
+    add(text, "\"reached\": %s, \"in_reach\": %s, \"limit\": \"%s\", ",
         !is_target             ? "null"
         : accuracy->is_reached ? "true"
                                : "false",
+        !is_target              ? "null"
+        : accuracy->is_in_reach ? "true"
+                                : "false",
         accuracy->limit);
     add(text, "\"samples_mean\": %.9g, \"samples_min\": %u, \"samples_max\": %u},\n",
         accuracy->samples_mean, accuracy->samples_min, accuracy->samples_max);
