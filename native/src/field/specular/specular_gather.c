@@ -29,9 +29,9 @@ static const double END_DEPTHS = 1e3;
 static const double WIDTH_MIN = 1e-13;
 /* For a few places where light and view turn over: each is found in log2(1 / WIDTH_MIN) = 43. */
 enum { TURN_HALVINGS_MAX = 512 };
-/* Thirty times what a piece takes in tests of closed forms: where it takes more, rounding decides,
- * and halving each half as deep as density asks for would never end. */
-enum { HALVINGS_MAX = 1 << 12 };
+/* Six times what a piece takes in tests of closed forms: where it takes more, rounding decides, and
+ * halving each half as deep as density asks for would never end. */
+enum { HALVINGS_MAX = 1 << 10 };
 /* Sine between light and view below which the digits of a double do not tell where they meet, and
  * the angle by which the view is then turned. Both bend the light by less than a pixel. */
 static const double PARALLEL_SINE = 1e-5;
@@ -244,13 +244,19 @@ static bool may_reach_in(const Gather *gather, const CurvePoint *a, const CurveP
                          const CurvePoint *b) {
     const double length = gather->segment.length;
     const double t[3] = {a->t, middle->t, b->t};
-    double least = INFINITY, low = t[0], high = t[0];
+    const double s[3] = {a->s, middle->s, b->s};
+    double least = INFINITY, low = t[0], high = t[0], s_low = s[0], s_high = s[0];
     for (int k = 0; k < 3; ++k) {
         least = fmin(least, fmax(-t[k], t[k] - length));
         low = fmin(low, t[k]);
         high = fmax(high, t[k]);
+        s_low = fmin(s_low, s[k]);
+        s_high = fmax(s_high, s[k]);
     }
-    /* A curve that turns back in t goes beyond its samples by less than they differ. */
+    /* A curve that turns back in t goes beyond its samples by less than they differ. So in s: where
+     * all of it is before the face, that t is within the segment means nothing. */
+    if (s_high < s_low - s_high)
+        return false;
     return (low < 0.0 && high > length) || least < high - low;
 }
 
