@@ -80,8 +80,12 @@ typedef struct Cube {
     float at[3]; /* [0,1) */
 } Cube;
 
-static bool find_cube(const ScatterCells *cells, Vec3 p, Cube *out) {
-    const Vec3 q = vec3_scale(vec3_sub(p, cells->origin), 1.0f / cells->size);
+/* In units of cubes, from the first node. */
+static Vec3 place_in_cubes(const ScatterCells *cells, Vec3 p) {
+    return vec3_scale(vec3_sub(p, cells->origin), 1.0f / cells->size);
+}
+
+static bool cube_at(const ScatterCells *cells, Vec3 q, Cube *out) {
     if (!(q.x >= 0.0f && q.y >= 0.0f && q.z >= 0.0f))
         return false;
     const uint32_t i = (uint32_t)q.x, j = (uint32_t)q.y, k = (uint32_t)q.z;
@@ -92,6 +96,10 @@ static bool find_cube(const ScatterCells *cells, Vec3 p, Cube *out) {
     out->at[1] = q.y - (float)j;
     out->at[2] = q.z - (float)k;
     return true;
+}
+
+static bool find_cube(const ScatterCells *cells, Vec3 p, Cube *out) {
+    return cube_at(cells, place_in_cubes(cells, p), out);
 }
 
 /* Node c of the eight around a cube, and its hat function there. */
@@ -135,6 +143,7 @@ typedef struct Measure {
     /* Lines along an axis, of every other row of cubes: rows of one parity share no node. */
     int axis;
     uint32_t parity;
+    uint32_t row; /* of the lines of this thread, along the axis after that */
 } Measure;
 
 /* Shortest step of measure_stretch, in lengths of the stretch. */
@@ -143,8 +152,14 @@ static const float STEP_SHARE_MIN = 1e-4f;
 /* Part of a line: it adds a volume to the nodes around its middle. */
 static void measure_part(const Measure *measure, Vec3 middle, uint32_t layer, float volume) {
     const ScatterCells *cells = measure->cells;
+    const Vec3 q = place_in_cubes(cells, middle);
+    float place[3] = {q.x, q.y, q.z};
+    /* Far from the origin coordinates may be coarser than lines are apart, and a line beside its
+     * row: the nodes there are another thread's. */
+    float *across = &place[(measure->axis + 1) % 3];
+    *across = clampf(*across, (float)measure->row, (float)measure->row + 0.999f);
     Cube cube;
-    if (!find_cube(cells, middle, &cube))
+    if (!cube_at(cells, vec3_from(place), &cube))
         return;
     for (uint32_t c = 0; c < 8; ++c)
         measure->volumes[cube_node(cells, &cube, c) * cells->layer_count + layer] +=
@@ -263,14 +278,16 @@ static void measure_line(const Measure *measure, Vec3 o, Vec3 d, float area) {
 static AmbStatus measure_row(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
     (void)end;
     (void)thread;
-    const Measure *measure = user;
-    const ScatterCells *cells = measure->cells;
-    const int axis = measure->axis, row_axis = (axis + 1) % 3, other_axis = (axis + 2) % 3;
-    const uint64_t row = 2 * begin + measure->parity;
+    const Measure *all = user;
+    const ScatterCells *cells = all->cells;
+    const int axis = all->axis, row_axis = (axis + 1) % 3, other_axis = (axis + 2) % 3;
+    const uint32_t row = 2 * (uint32_t)begin + all->parity;
+    Measure measure = *all;
+    measure.row = row;
     const float spacing = cells->size / (float)LINES_PER_CUBE;
     const uint32_t lines = (cells->count[other_axis] - 1) * LINES_PER_CUBE;
     for (uint32_t j = 0; j < lines; ++j) {
-        if (job_is_cancelled(measure->job))
+        if (job_is_cancelled(measure.job))
             return AMB_CANCELLED;
         for (uint32_t i = 0; i < LINES_PER_CUBE; ++i) {
             float from[3] = {cells->origin.x, cells->origin.y, cells->origin.z};
@@ -279,7 +296,7 @@ static AmbStatus measure_row(void *user, uint64_t begin, uint64_t end, uint32_t 
             from[row_axis] += spacing * ((float)i + 0.5f);
             from[other_axis] += spacing * ((float)j + 0.5f);
             along[axis] = 1.0f;
-            measure_line(measure, vec3_from(from), vec3_from(along), spacing * spacing);
+            measure_line(&measure, vec3_from(from), vec3_from(along), spacing * spacing);
         }
     }
     return AMB_OK;
