@@ -216,3 +216,31 @@ def test_finished_pictures_meet_the_target(name: str) -> None:
     (image,), report = render_passes(scene, 16, effects_are_auto=1, accuracy=target, **common)
     assert report["accuracy"]["stated"] <= target
     assert known.error(image) < 1.25 * target
+
+
+def test_noise_of_silhouettes_is_not_understated() -> None:
+    """A black sphere before a bright world: pixels at its edge have all the noise, and those whose
+    halves agree by chance must get as many samples as the others do."""
+    scene, size, target, seeds = BY_NAME["ink"], 32, 0.05, 24
+    common: dict[str, Any] = {"threads": 1, "light_samples": 2**16}
+    known = truth(scene, size, samples=256, **common)
+    true, stated = [], []
+    for seed in range(seeds):
+        (image,), report = render_passes(
+            scene, size, effects_are_auto=1, accuracy=target, seed=seed, **common
+        )
+        true.append(known.error(image))
+        stated.append(report["accuracy"]["stated"])
+    assert np.mean(np.square(true)) < 1.25 * np.mean(np.square(stated)), (true, stated)
+    assert np.mean(np.array(true) <= target) >= 0.75, true
+
+
+def test_later_orders_are_more_than_few_walks_find() -> None:
+    """Of a thin medium's third scattering few walks know, and all they missed is not absent."""
+    scene = BY_NAME["less than outside"]
+    known = MEASURED[scene.name]["multiple scattering"]
+    for seed in range(6):
+        plan = explain(
+            scene, width=32, height=32, accuracy=0.05, light_samples=2**16, seed=seed, samples=1
+        )
+        assert effects(plan)["multiple scattering"]["share"]["value"] > 0.4 * known, seed

@@ -25,7 +25,9 @@ FilmSum film_sum_row(const Film *film, uint32_t y, FilmSet set) {
         const FilmPixel *pixel = &film->pixels[(uint64_t)y * film->width + x];
         if (pixel->count == 0 || !film_pixel_is_in(pixel, set))
             continue;
-        sum.variance += (double)film_pixel_variance(pixel);
+        const double variance = (double)film_pixel_variance(pixel);
+        sum.variance += variance;
+        sum.variance_square += variance * variance;
         sum.radiance += (double)(rgb_mean(film_pixel_sum(pixel)) / (float)pixel->count);
         ++sum.count;
     }

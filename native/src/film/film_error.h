@@ -11,9 +11,10 @@
 float film_pixel_variance(const FilmPixel *pixel);
 
 typedef struct FilmSum {
-    double variance; /* sum of film_pixel_variance */
-    double radiance; /* sum of radiance, mean of channels */
-    uint64_t count;  /* pixels */
+    double variance;        /* sum of film_pixel_variance, */
+    double variance_square; /* and of its square */
+    double radiance;        /* sum of radiance, mean of channels */
+    uint64_t count;         /* pixels */
 } FilmSum;
 
 /* Pixels that an error is stated for. */

@@ -193,12 +193,39 @@ AmbStatus effect_shares_measure(EffectShares *shares, const EffectProbe *probe, 
     return status;
 }
 
-Share effect_share(const EffectShares *shares, uint32_t share) {
-    return share_estimate(&shares->image[share], shares->probe_count, shares->radiance,
+static Share estimate(const EffectShares *shares, const ShareSum *sums, uint32_t share) {
+    return share_estimate(&sums[share], shares->probe_count, shares->radiance,
                           shares->radiance_error);
 }
 
+/* Few walks scatter three times, and those few bring much: 256 probes that miss them find a third
+ * of their light and take that for all. The first two orders are known better, and from one to the
+ * next light falls off no faster than between these two, for what scattered often is spread wider
+ * and is lost less: over the scenes of tests/images/planner_scenes.py the third order and later
+ * ones have 0.9 to 20 times the share that follows. */
+static void raise_to_series(Share *share, const Share *once, const Share *twice) {
+    if (!share->is_known || !(share->value > 0.0) || !(once->value > 0.0))
+        return;
+    const double least = twice->value * fmin(twice->value / once->value, 1.0);
+    share->value = fmax(share->value, least);
+    share->high = fmax(share->high, share->value);
+}
+
+static Share estimate_with_series(const EffectShares *shares, const ShareSum *sums,
+                                  uint32_t share) {
+    Share result = estimate(shares, sums, share);
+    if (share == SHARE_MULTIPLE) {
+        const Share once = estimate(shares, sums, SHARE_SINGLE);
+        const Share twice = estimate(shares, sums, SHARE_DOUBLE);
+        raise_to_series(&result, &once, &twice);
+    }
+    return result;
+}
+
+Share effect_share(const EffectShares *shares, uint32_t share) {
+    return estimate_with_series(shares, shares->image, share);
+}
+
 Share effect_share_of(const EffectShares *shares, uint32_t object, uint32_t share) {
-    return share_estimate(&shares->objects[(uint64_t)object * SHARE_COUNT + share],
-                          shares->probe_count, shares->radiance, shares->radiance_error);
+    return estimate_with_series(shares, shares->objects + (uint64_t)object * SHARE_COUNT, share);
 }

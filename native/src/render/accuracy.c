@@ -96,12 +96,23 @@ static double aim_square(Accuracy *accuracy) {
     return fmax(aim * aim, most + fmin(SMALL_NOISE * most, SPARE_USED * spare));
 }
 
-/* The noise to aim at of each set, which is what the rest leaves; whether all have it. */
+/* The noise to aim at of a set, which is what the rest leaves. Where few pixels have most of it,
+ * their two halves may well agree by chance: then the target must have room for noise_high, too. A
+ * small picture of a black sphere before a bright world had ended at 1.25 of what it stated. */
+static double noise_target(const Accuracy *accuracy, const AccuracySet *set, double aim) {
+    const double fixed = fixed_square(accuracy, set), target = (double)accuracy->target;
+    const double noise = sqrt(aim - fixed);
+    if (!accuracy->is_in_reach || !(set->noise > 0.0))
+        return noise;
+    return fmin(noise, sqrt(target * target - fixed) * set->noise / set->noise_high);
+}
+
+/* The noise to aim at of each set; whether all have it. */
 static bool is_calm(Accuracy *accuracy, double out_targets[ACCURACY_SET_MAX]) {
     const double aim = aim_square(accuracy);
     bool is_calm = true;
     for (uint32_t s = 0; s < accuracy->set_count; ++s) {
-        out_targets[s] = sqrt(aim - fixed_square(accuracy, &accuracy->sets[s]));
+        out_targets[s] = noise_target(accuracy, &accuracy->sets[s], aim);
         is_calm = is_calm && accuracy->sets[s].noise <= out_targets[s];
     }
     return is_calm;

@@ -36,6 +36,7 @@ typedef struct AccuracySet {
     FilmSet pixels;
     double radiance;
     double noise, caustics;
+    double noise_high; /* the picture's is below it in 19 of 20: few pixels may have most of it */
     double objects; /* the factor of errors that the pixels with objects have alone: 1 where these
                      * are the set, less where there are others as bright */
 } AccuracySet;
