@@ -91,6 +91,23 @@ def test_light_through_another_object_counts_once() -> None:
     assert flux(straight)[1] < 0.95 * flux(both)[1]
 
 
+def test_a_first_reflection_is_left_to_points_where_walls_strew_it() -> None:
+    """A bumpy wall makes five times as many tubes, which cross one another; a ball's stay side by
+    side. By hand one reflection is the tubes' own, whatever the wall."""
+    settings = {"samples": 1, "light_samples": 2**12, "accuracy": 0.02, "camera_bounces": 0}
+    found = {}
+    for name, mesh in (("bumpy", bumpy_sphere(4)), ("ball", icosphere(4))):
+        build = scene_of(mesh)
+        auto = render(build, 4, light_bounces=0, effects_are_auto=1, **settings).report
+        hand = render(build, 4, light_bounces=1, **settings).report
+        assert (auto["estimator"], hand["estimator"]) == ("TUBES", "TUBES")
+        counts = {e["name"]: e["count"] for e in auto["effects"]}
+        assert counts["light-side internal reflection"] > 0
+        assert hand["light"]["volume_samples"] == 0
+        found[name] = (auto["light"]["volume_samples"] > 0, auto["light"]["tube_bounces"] > 0)
+    assert found == {"bumpy": (True, False), "ball": (False, True)}
+
+
 LATER = _ffi.AMB_EFFECT_DOUBLE_SCATTERING | _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
 
 

@@ -77,6 +77,7 @@ typedef struct MeshProblems {
     bool is_nested;    /* an object is inside of another, or touches it */
     bool is_veiled;    /* much of the light in media has come through other objects */
     bool is_trapped;   /* much of it has been reflected inside three times or more */
+    bool is_strewn;    /* what is reflected inside once spreads far on its way to the next wall */
 } MeshProblems;
 
 /* The part of the picture that is rendered, of params->width x height. */

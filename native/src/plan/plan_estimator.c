@@ -22,13 +22,16 @@ static const uint32_t AUTO_CELLS_MAX[TUBE_BOUNCES_MAX + 1] = {16, 4, 1};
 
 /* Of the light's internal reflections, those that tubes follow; points carry the rest. Each one
  * multiplies and widens tubes, at bumpy walls most of all: where there are points and the count
- * comes from what shows, or walls trap the light, points are the cheaper ones from the first on.
+ * comes from what shows, or walls trap the light or strew it, points are the cheaper ones from the
+ * first on; where walls strew the light, they are worth having for one reflection.
  * Asked for by hand, reflections may be all that a picture is about. */
 static uint32_t tube_bounces(const MeshProblems *problems, const Plan *plan) {
     const uint32_t bounces = plan->effects[PLAN_LIGHT_BOUNCES].count;
     const bool has_points =
         bounces > TUBE_BOUNCES_MAX || plan->effects[PLAN_TRANSMITTED_LIGHT].is_simulated;
     if (has_points && (plan->is_automatic || problems->is_trapped))
+        return 0;
+    if (problems->is_strewn && (plan->is_automatic || has_points))
         return 0;
     return bounces <= TUBE_BOUNCES_MAX ? bounces : TUBE_BOUNCES_MAX;
 }

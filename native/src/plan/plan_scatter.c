@@ -9,8 +9,7 @@ const char *plan_scatter_estimator_name(uint32_t estimator) {
 
 static bool has_later_orders(const Plan *plan) {
     return plan->effects[PLAN_DOUBLE_SCATTERING].is_simulated ||
-           plan->effects[PLAN_MULTIPLE_SCATTERING].is_simulated ||
-           plan->effects[PLAN_WORLD_LIGHT].is_simulated;
+           plan->effects[PLAN_MULTIPLE_SCATTERING].is_simulated;
 }
 
 /* One photon for so many volume samples: a path of the one and a place of the other cost about as
@@ -84,12 +83,15 @@ static const uint64_t PHOTONS_MIN = 64;
 enum { FEW_SUMS = 2 };
 
 void plan_scatter(const AmbScene *scene, const AmbRenderParams *params, Plan *plan) {
+    const bool is_left_to_us = params->scatter_estimator == AMB_SCATTER_AUTO;
     plan->scatter_estimator = params->scatter_estimator;
     plan->scatter_estimator_reason = "asked for";
-    if (!has_later_orders(plan)) {
+    /* A walk of one scattering, which looks for the surroundings, is short and has little noise. */
+    if (!has_later_orders(plan) &&
+        (is_left_to_us || !plan->effects[PLAN_WORLD_LIGHT].is_simulated)) {
         plan->scatter_estimator = AMB_SCATTER_WALK;
         plan->scatter_estimator_reason = "nothing scatters more than once";
-    } else if (params->scatter_estimator == AMB_SCATTER_AUTO) {
+    } else if (is_left_to_us) {
         choose_automatically(scene, params, plan);
     }
     const bool uses_tree_cut = plan->scatter_estimator == AMB_SCATTER_TREE_CUT;

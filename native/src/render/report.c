@@ -119,7 +119,11 @@ static bool ledger_entry(uint32_t effect, LedgerEntry *out_entry) {
  * by the bytes that hold its light, also that of light that was reflected or has passed an object.
  */
 static double light_cost(const AmbRender *render, uint32_t effect) {
-    const bool has_multiple = render->plan.effects[PLAN_MULTIPLE_SCATTERING].is_simulated;
+    const PlanEffect *effects = render->plan.effects;
+    const uint32_t of_scatter =
+        effects[PLAN_MULTIPLE_SCATTERING].is_simulated ? PLAN_MULTIPLE_SCATTERING
+        : effects[PLAN_DOUBLE_SCATTERING].is_simulated ? PLAN_DOUBLE_SCATTERING
+                                                       : PLAN_WORLD_LIGHT;
     const FieldSize *size = &render->account.size;
     const double field = render->light_costs[LIGHT_COST_FIELD];
     const double each = size->bytes > 0 ? field / (double)size->bytes : 0.0;
@@ -131,7 +135,7 @@ static double light_cost(const AmbRender *render, uint32_t effect) {
         return reflected;
     if (effect == PLAN_TRANSMITTED_LIGHT)
         return passed;
-    if (effect == (has_multiple ? PLAN_MULTIPLE_SCATTERING : PLAN_DOUBLE_SCATTERING))
+    if (effect == of_scatter)
         return render->light_costs[LIGHT_COST_SCATTER];
     return effect == PLAN_CAUSTICS ? render->light_costs[LIGHT_COST_CAUSTICS] : 0.0;
 }
