@@ -242,7 +242,7 @@ def test_report_says_what_effects_take() -> None:
 def test_resin_glows_on_the_floor() -> None:
     """What scatters once in a thin ball of index 1 reaches the floor below as from a small lamp of
     its power: sigma_s times the integral of the sun over the ball, without extinction."""
-    sigma_s, radius, height = 1e-3, 0.1, 2.0
+    sigma_s, radius, height, window = 1e-3, 0.1, 2.0, 4.0
 
     def build(scene: Any) -> None:  # noqa: ANN401
         ball = icosphere(4)
@@ -251,16 +251,67 @@ def test_resin_glows_on_the_floor() -> None:
             ball.positions * radius + np.array((0, 0, height)), ball.triangles, ball.normals
         )
         add_body(scene, body, Medium(1.0, sigma_s, 0))
-        add_floor(scene, 0.1)
-        look_down(scene, 0.1)
+        add_floor(scene)
+        look_down(scene, window)
 
     power = sigma_s * 4 / 3 * np.pi * radius**3
     image = render(
         build,
         64,
         effects=CAUSTICS | ffi.AMB_EFFECT_SINGLE_SCATTERING,
-        samples=256,
-        light_samples=2**14,
+        samples=4,
+        light_samples=2**20,
     )
-    measured = image.pixels.astype(np.float64).mean() * np.pi / ALBEDO
-    assert measured == pytest.approx(power / (4 * np.pi * height**2), rel=0.03)
+    half = 50.0  # of the floor, which is seen under a solid angle from the ball
+    floor = 4 * np.arctan(half**2 / (height * np.sqrt(2 * half**2 + height**2)))
+    landed = power * floor / (4 * np.pi)
+    assert image.report["glow"]["flux_landed"][0] == pytest.approx(landed, rel=0.01)
+    measured = image.pixels.astype(np.float64).mean(axis=2) * np.pi / ALBEDO
+    x = (np.arange(64) + 0.5) / 64 * window - window / 2
+    square = x**2 + x[:, None] ** 2 + height**2
+    expected = power * height / (4 * np.pi * square**1.5)
+    assert measured.mean() == pytest.approx(expected.mean(), rel=0.02)
+    assert measured / expected == pytest.approx(np.ones((64, 64)), abs=0.5)
+    assert np.sqrt(np.mean((measured / expected - 1) ** 2)) < 0.1
+
+
+def test_glow_stays_within_its_walls() -> None:
+    """A lamp in a ball that absorbs nothing, in a box: every watt that scatters lands on a wall of
+    it, up to the corners, by the same law as that of a small lamp in the middle."""
+    sigma_s = 1.5
+
+    def build(scene: Any) -> None:  # noqa: ANN401
+        scene.add_light(
+            ffi.AMB_LIGHT_POINT, "lamp", color=rgb(1.0), position=rgb((0, 0, 0)), radius=0.0
+        )
+        ball = icosphere(4)
+        add_body(
+            scene,
+            Mesh(ball.positions * 0.3, ball.triangles, ball.normals),
+            Medium(1.0, sigma_s / 0.3, 0),
+        )
+        walls = box((-2, -2, -2), (2, 2, 2))
+        white = scene.add_material("walls", surface=ffi.AMB_SURFACE_DIFFUSE, albedo=rgb(ALBEDO))
+        shape = scene.add_mesh(
+            "walls", walls.positions, walls.triangles, None, ffi.AMB_NORMALS_NONE, None
+        )
+        scene.add_object("walls", shape, np.eye(4).tolist(), [white])
+        set_orthographic(scene, (0, 0, -1), (0, 0, -1), (0, 1, 0), 4.0)
+
+    scattering = (
+        ffi.AMB_EFFECT_SINGLE_SCATTERING
+        | ffi.AMB_EFFECT_DOUBLE_SCATTERING
+        | ffi.AMB_EFFECT_MULTIPLE_SCATTERING
+    )
+    settings = {"effects": CAUSTICS | scattering, "samples": 4, "light_samples": 2**19}
+    image = render(build, 64, "Combined", **settings)
+    direct = render(build, 64, "Surface", **settings)
+    scattered = 4 * np.pi * (1 - np.exp(-sigma_s))
+    assert image.report["glow"]["flux_landed"][0] == pytest.approx(scattered, rel=5e-3)
+    glow = (image.pixels[..., :3] - direct.pixels[..., :3]).astype(np.float64).mean(axis=2)
+    measured = glow * np.pi / ALBEDO
+    x = (np.arange(64) + 0.5) / 64 * 4 - 2
+    expected = scattered * 2 / (4 * np.pi * (x**2 + x[:, None] ** 2 + 4) ** 1.5)
+    assert measured.mean() == pytest.approx(expected.mean(), rel=0.02)
+    edges = [measured[0], measured[-1], measured[:, 0], measured[:, -1]]
+    assert np.mean(edges) == pytest.approx(np.mean([expected[0]] * 4), rel=0.2)

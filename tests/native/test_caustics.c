@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * Caustic photons: their tree against a plain sum, their flux against the integral of the
- * irradiance, the same bits for any number of threads, and failures on the way. */
+ * Light on opaque surfaces: the tree of kernels against a plain sum, flux against the integral of
+ * the irradiance and against what lamps send, the same bits for any number of threads, and failures
+ * on the way. */
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/memory.h"
 #include "field/caustics/caustic_tree.h"
 #include "field/caustics/caustics.h"
+#include "field/caustics/neighbours.h"
 #include "shapes.h"
 #include "test.h"
 
@@ -87,7 +89,7 @@ static void tree_is_a_sum(void) {
 static AmbScene *ball_on_floor(float angle) {
     AmbScene *scene = NULL;
     ENSURE_STATUS(amb_scene_create(&scene), AMB_OK);
-    const AmbMaterial glass = shape_resin(1.5f, 0.0f, 0.3f, 0.0f);
+    const AmbMaterial glass = shape_resin(1.5f, 0.1f, 0.2f, 0.0f);
     AmbMaterial grey;
     amb_material_init(&grey);
     uint32_t glass_id = 0, grey_id = 0;
@@ -216,9 +218,185 @@ static void threads_do_not_matter(void) {
     amb_scene_destroy(scene);
 }
 
+/* ---- Glow ------------------------------------------------------------------------------------ */
+
+/* A lamp in the middle of a ball of a medium that absorbs nothing, 1.5 m above a floor, or in the
+ * middle of an opaque box of half edge 3 m. */
+static AmbScene *lamp_in_ball(float ior, float sigma_s, bool is_boxed) {
+    AmbScene *scene = NULL;
+    ENSURE_STATUS(amb_scene_create(&scene), AMB_OK);
+    const AmbMaterial milk = shape_resin(ior, sigma_s, 0.0f, 0.0f);
+    AmbMaterial grey;
+    amb_material_init(&grey);
+    uint32_t milk_id = 0, grey_id = 0;
+    ENSURE_STATUS(amb_scene_add_material(scene, &milk, &milk_id), AMB_OK);
+    ENSURE_STATUS(amb_scene_add_material(scene, &grey, &grey_id), AMB_OK);
+    Shape ball = shape_sphere(64, 128), walls = is_boxed ? shape_box() : shape_plane();
+    const AmbMesh ball_mesh = shape_mesh(&ball, "ball", true);
+    const AmbMesh wall_mesh = shape_mesh(&walls, "walls", false);
+    shape_add(scene, &ball_mesh, milk_id, 1.0f, 0.0f, 0.0f, 1.5f);
+    shape_add(scene, &wall_mesh, grey_id, is_boxed ? 3.0f : 40.0f, 0.0f, 0.0f,
+              is_boxed ? 1.5f : 0.0f);
+    shape_free(&ball);
+    shape_free(&walls);
+    AmbLight lamp;
+    amb_light_init(&lamp, AMB_LIGHT_POINT);
+    lamp.position[2] = 1.5f;
+    lamp.color[0] = lamp.color[1] = lamp.color[2] = 1.0f;
+    uint32_t id = 0;
+    ENSURE_STATUS(amb_scene_add_light(scene, &lamp, &id), AMB_OK);
+    shape_commit(scene);
+    Job job;
+    job_init(&job, 1);
+    ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
+    return scene;
+}
+
+static CausticMap *create_glow(const AmbScene *scene, uint64_t photons, uint32_t parts,
+                               uint32_t threads) {
+    Job job;
+    job_init(&job, threads);
+    const CausticParams given = {.glow = {.photon_count = photons, .light_bounces = 64},
+                                 .part_count = parts};
+    CausticMap *map = NULL;
+    ENSURE_STATUS(caustics_create(scene, &given, &job, &map), AMB_OK);
+    return map;
+}
+
+/* In a closed box all light lands. Of a lamp's 4 pi what has not scattered leaves after one, two,
+ * .. stretches to the boundary and back, R being reflected of it each time; the rest has. */
+static void all_that_scattered_lands(void) {
+    static const struct {
+        float ior, sigma_s;
+    } cases[] = {{1.0f, 0.3f}, {1.0f, 4.0f}, {1.5f, 0.3f}, {1.5f, 8.0f}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; ++i) {
+        AmbScene *scene = lamp_in_ball(cases[i].ior, cases[i].sigma_s, true);
+        CausticMap *map = create_glow(scene, 1 << 15, 1, 2);
+        const double r = pow(((double)cases[i].ior - 1.0) / ((double)cases[i].ior + 1.0), 2);
+        const double out = exp(-(double)cases[i].sigma_s);
+        const double passed = out * (1.0 - r) / (1.0 - r * out * out);
+        const CausticAccount account = caustics_account(map);
+        ENSURE_NEAR(account.glow_landed[1] / (4.0 * PI * (1.0 - passed)), 1.0, 5e-3);
+        ENSURE(account.landed[1] == 0.0);
+        caustics_destroy(map);
+        amb_scene_destroy(scene);
+    }
+}
+
+static double glow_sum(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part) {
+    const CausticGlow glow = caustics_glow(map, p, n, part);
+    return (double)glow.orders[0].g + (double)glow.orders[1].g + (double)glow.orders[2].g;
+}
+
+/* Over a wall of the box: kernels end where it does and lose nothing there, about. */
+static void walls_get_what_lands(void) {
+    enum { EDGE = 60 };
+    AmbScene *scene = lamp_in_ball(1.0f, 1.0f, true);
+    CausticMap *map = create_glow(scene, 1 << 14, 1, 2);
+    double sum = 0.0, rim = 0.0, light = 0.0;
+    for (int j = 0; j < EDGE; ++j)
+        for (int i = 0; i < EDGE; ++i) {
+            const double x = 6.0 * (i + 0.5) / EDGE - 3.0, y = 6.0 * (j + 0.5) / EDGE - 3.0;
+            const double found = glow_sum(map, vec3((float)x, (float)y, -1.5f), vec3(0, 0, 1), 0) *
+                                 36.0 / (EDGE * EDGE);
+            sum += found;
+            /* Light of a small lamp in the middle, per watt. */
+            const double expected =
+                3.0 / (4.0 * PI * pow(x * x + y * y + 9.0, 1.5)) * 36.0 / (EDGE * EDGE);
+            if (fmax(fabs(x), fabs(y)) > 2.8) {
+                rim += found;
+                light += expected;
+            }
+        }
+    const double landed = caustics_account(map).glow_landed[1];
+    ENSURE_NEAR(sum / (landed / 6.0), 1.0, 0.03);
+    /* Kernels neither end at the rim nor pile up there. */
+    ENSURE_NEAR(rim / (light * landed), 1.0, 0.15);
+    caustics_destroy(map);
+    amb_scene_destroy(scene);
+}
+
+static void glow_parts_add_up(void) {
+    AmbScene *scene = lamp_in_ball(1.3f, 1.0f, false);
+    CausticMap *parts = create_glow(scene, 4000, 4, 1), *whole = create_glow(scene, 4000, 1, 3);
+    ENSURE(caustics_account(parts).glow_photon_count == caustics_account(whole).glow_photon_count);
+    const Vec3 n = vec3(0, 0, 1);
+    uint64_t state = 5;
+    double worst = 0.0, all = 0.0, differ = 0.0;
+    for (int i = 0; i < 200; ++i) {
+        const Vec3 p = vec3(uniform(&state, -2, 2), uniform(&state, -2, 2), 0.0f);
+        const double expected = glow_sum(whole, p, n, 0);
+        double mean = 0.0;
+        for (uint32_t k = 1; k <= 4; ++k) {
+            const double part = glow_sum(parts, p, n, k);
+            mean += 0.25 * part;
+            differ += fabs(part - expected) / (4 * 200);
+        }
+        all += expected / 200;
+        worst = test_worse(worst, fabs(mean - expected));
+        worst = test_worse(worst, fabs(glow_sum(parts, p, n, 0) - expected));
+    }
+    ENSURE_NEAR(worst / all, 0.0, 1e-4);
+    ENSURE(differ > 0.01 * all);
+    caustics_destroy(parts);
+    caustics_destroy(whole);
+    amb_scene_destroy(scene);
+}
+
+static void glow_threads_do_not_matter(void) {
+    AmbScene *scene = lamp_in_ball(1.3f, 5.0f, false);
+    CausticMap *one = create_glow(scene, 3000, 2, 1), *three = create_glow(scene, 3000, 2, 3);
+    const CausticAccount a = caustics_account(one), b = caustics_account(three);
+    ENSURE(memcmp(&a, &b, sizeof a) == 0);
+    bool is_same = true;
+    uint64_t state = 3;
+    for (int i = 0; i < 500; ++i) {
+        const Vec3 p = vec3(uniform(&state, -2, 2), uniform(&state, -2, 2), 0.0f);
+        const CausticGlow x = caustics_glow(one, p, vec3(0, 0, 1), 0);
+        const CausticGlow y = caustics_glow(three, p, vec3(0, 0, 1), 0);
+        is_same = is_same && memcmp(&x, &y, sizeof x) == 0;
+    }
+    ENSURE(is_same);
+    caustics_destroy(one);
+    caustics_destroy(three);
+    amb_scene_destroy(scene);
+}
+
+/* Against all of them. */
+static void neighbours_are_the_nearest(void) {
+    enum { COUNT = 700 };
+    uint64_t state = 9;
+    static Place places[COUNT];
+    static Place sorted[COUNT];
+    for (uint64_t i = 0; i < COUNT; ++i) {
+        const Sample2 turn = {uniform(&state, 0, 1), uniform(&state, 0, 1)};
+        places[i] = (Place){.p = vec3(uniform(&state, 0, 1), uniform(&state, 0, 3),
+                                      i % 5 == 0 ? 0.0f : uniform(&state, 0, 0.2)),
+                            .n = sample_cap(turn, 1.0f),
+                            .id = i};
+    }
+    memcpy(sorted, places, sizeof sorted);
+    neighbours_sort(sorted, COUNT);
+    for (uint32_t i = 0; i < COUNT; i += 7) {
+        const uint32_t rank = 1 + i % NEIGHBOURS_MAX;
+        const float found = neighbours_distance(sorted, COUNT, &places[i], rank);
+        uint32_t nearer = 0, as_near = 0;
+        for (uint32_t k = 0; k < COUNT; ++k) {
+            if (k == i || vec3_dot(places[k].n, places[i].n) < 0.5f)
+                continue;
+            const float distance = vec3_length(vec3_sub(places[k].p, places[i].p));
+            nearer += distance < 0.99999f * found;
+            as_near += distance < 1.00001f * found;
+        }
+        ENSURE(nearer == rank - 1 && as_near == rank);
+    }
+    ENSURE(isinf(neighbours_distance(sorted, 3, &places[0], NEIGHBOURS_MAX)));
+}
+
 static void failures_leave_nothing(void) {
     AmbScene *scene = ball_on_floor(0.0f);
-    const CausticParams given = params(500);
+    CausticParams given = params(500);
+    given.glow = (ScatterParams){.photon_count = 500};
     CausticMap *map = NULL;
     AmbStatus status = AMB_OUT_OF_MEMORY;
     int failed = 0;
@@ -248,5 +426,10 @@ void test_caustics(void) {
     RUN(flux_is_kept);
     RUN(parts_add_up);
     RUN(threads_do_not_matter);
+    RUN(neighbours_are_the_nearest);
+    RUN(all_that_scattered_lands);
+    RUN(walls_get_what_lands);
+    RUN(glow_parts_add_up);
+    RUN(glow_threads_do_not_matter);
     RUN(failures_leave_nothing);
 }

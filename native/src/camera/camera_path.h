@@ -23,9 +23,13 @@ enum {
 
 typedef struct CameraParams {
     const CausticMap *caustics; /* on opaque surfaces; NULL: none */
-    uint32_t width, height;     /* of the full image, pixels */
-    uint32_t effects;           /* AMB_EFFECT_* to simulate */
-    uint32_t bounces;           /* internal reflections to follow */
+    uint32_t
+        glow; /* AMB_EFFECT_*_SCATTERING: orders of light that scattered on its way to opaque
+               * surfaces which the map has, and AMB_EFFECT_WORLD_LIGHT where it has them of the
+               * surroundings, too. 0: all is gathered in media, along rays from the surface */
+    uint32_t width, height; /* of the full image, pixels */
+    uint32_t effects;       /* AMB_EFFECT_* to simulate */
+    uint32_t bounces;       /* internal reflections to follow */
     uint32_t seed;
     uint32_t part_count; /* of the light field and of caustics: a sample sees the light of one part,
                           * a pixel of all in turn; 0: all of it at once */

@@ -47,11 +47,24 @@ typedef struct LightPath {
     uint32_t bounces; /* internal reflections so far */
 } LightPath;
 
+/* Whether walks bring what scatters on its way to opaque surfaces: of all light, or, where that of
+ * lamps is in the map of caustics, of the surroundings. */
+static bool walks_for_glow(const CameraParams *params) {
+    const bool has_map = params->glow != 0;
+    const bool is_known = has_map && ((params->glow & AMB_EFFECT_WORLD_LIGHT) != 0 ||
+                                      (params->effects & AMB_EFFECT_WORLD_LIGHT) == 0);
+    return !is_known && walk_is_wanted(params);
+}
+
 /* Attenuates the path, and adds what scatters into it. */
 static void pass_medium(Walker *walker, LightPath *path, float length, Rgb glow) {
     const Medium *medium = &medium_stack_material(walker->scene, &path->stack)->medium;
     const Rgb throughput = rgb_mul(path->weight, glow);
     if (medium_scatters(medium) && rgb_max(throughput) > 0.0f) {
+        /* What the map of caustics has is not gathered again. */
+        const Field *field = walker->field;
+        if (walker->params->glow != 0)
+            walker->field = NULL;
         const bool is_wanted =
             walker->field != NULL && (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0;
         const float gathers = is_wanted ? walker_gathers(walker, throughput) : 0.0f;
@@ -64,8 +77,9 @@ static void pass_medium(Walker *walker, LightPath *path, float length, Rgb glow)
             *single = rgb_madd(*single, weight, gathered.radiance);
         }
         /* As along the camera's path: what walls reflect goes on in the walk. */
-        if (path->bounces == 0 && walk_is_wanted(walker->params))
+        if (path->bounces == 0 && walks_for_glow(walker->params))
             walk_scatter(walker, path->o, path->d, &path->stack, throughput);
+        walker->field = field;
     }
     path->weight = rgb_mul(path->weight, medium_transmittance(medium, length));
 }
@@ -133,7 +147,10 @@ static Rgb light_of_world(Walker *walker, const SurfacePoint *surface, const Med
     const World *world = &scene->world;
     const bool shines_through = walker->params->shines_through;
     Rgb sum = rgb(0, 0, 0);
-    if (world->is_black && !(shines_through && walker->field != NULL && rgb_max(glow) > 0.0f))
+    const bool has_glow =
+        shines_through && rgb_max(glow) > 0.0f &&
+        (walker->params->glow != 0 ? walks_for_glow(walker->params) : walker->field != NULL);
+    if (world->is_black && !has_glow)
         return sum;
     Vec3 x, y;
     vec3_frame(ns, &x, &y);
@@ -157,6 +174,23 @@ static Rgb light_of_world(Walker *walker, const SurfacePoint *surface, const Med
     return sum;
 }
 
+/* Adds light of the map that scattered on its way. */
+static void add_glow(Walker *walker, const SurfacePoint *surface, Vec3 ng, Rgb weight) {
+    static const uint32_t bits[CAMERA_ORDER_COUNT] = {
+        AMB_EFFECT_SINGLE_SCATTERING, AMB_EFFECT_DOUBLE_SCATTERING, AMB_EFFECT_MULTIPLE_SCATTERING};
+    const CameraParams *params = walker->params;
+    if (params->caustics == NULL || params->glow == 0 || !(rgb_max(weight) > 0.0f))
+        return;
+    const CausticGlow glow = caustics_glow(params->caustics, surface->p, ng, walker->part);
+    for (uint32_t k = 0; k < CAMERA_ORDER_COUNT; ++k) {
+        if ((params->glow & bits[k]) == 0)
+            continue;
+        const Rgb light = rgb_scale(rgb_mul(weight, glow.orders[k]), 1.0f / AMB_PI);
+        walker->out->orders[k] = rgb_add(walker->out->orders[k], light);
+        walker_note(walker, &walker->way, light);
+    }
+}
+
 Rgb shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d, const MediumStack *stack,
                   Rgb glow, Rgb *out_caustics) {
     const float side = vec3_dot(d, surface->ng) < 0.0f ? 1.0f : -1.0f;
@@ -173,6 +207,7 @@ Rgb shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d, const Med
     const Rgb lamps = rgb_scale(rgb_add(straight, bent), 1.0f / AMB_PI);
     if (walker->params->shines_through)
         before = ledger_open(clock, LEDGER_SURFACES);
+    add_glow(walker, surface, ng, rgb_mul(glow, albedo));
     const Rgb world = light_of_world(walker, surface, stack, ng, ns, rgb_mul(glow, albedo));
     ledger_close(clock, before);
     *out_caustics = rgb_mul(albedo, rgb_scale(bent, 1.0f / AMB_PI));

@@ -362,10 +362,14 @@ void plan_set_light_samples(Plan *plan, uint64_t samples) {
 }
 
 bool plan_reduce_caustics(Plan *plan) {
-    if (plan->caustics.light.ray_count < 4 * CAUSTIC_RAYS_MIN)
-        return false;
-    plan->caustics.light.ray_count /= 4;
-    return true;
+    uint64_t *const counts[] = {&plan->caustics.light.ray_count, &plan->caustics.glow.photon_count};
+    bool is_reduced = false;
+    for (int i = 0; i < 2; ++i)
+        if (*counts[i] >= 4 * CAUSTIC_RAYS_MIN) {
+            *counts[i] /= 4;
+            is_reduced = true;
+        }
+    return is_reduced;
 }
 
 bool plan_reduce_field(Plan *plan) {
@@ -482,6 +486,7 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, cons
     if (status == AMB_OK) {
         set_parameters(scene, params, &plan);
         plan_scatter(scene, params, &plan);
+        plan_glow(scene, params, &plan);
         describe_objects(scene, &plan);
         *out_plan = plan;
     } else {

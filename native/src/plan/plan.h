@@ -65,7 +65,7 @@ typedef struct Plan {
     uint64_t light_samples; /* volume samples without a target or a limit that say otherwise */
     LightTraceParams light;
     FieldParams field;
-    CausticParams caustics; /* light.ray_count 0: none */
+    CausticParams caustics; /* light.ray_count 0: none; glow.photon_count 0: no glow */
     ScatterParams scatter;  /* of PHOTONS */
     CameraParams camera;
 } Plan;

@@ -108,3 +108,31 @@ AmbStatus plan_measure_caustics(const AmbScene *scene, const AmbRenderParams *pa
                         .overlap = CAUSTIC_OVERLAP * params->kernel_size};
     return AMB_OK;
 }
+
+static uint32_t last_order(const AmbRenderParams *params, const Plan *plan) {
+    uint32_t last = 1;
+    if (plan->effects[PLAN_DOUBLE_SCATTERING].is_simulated)
+        last = 2;
+    if (plan->effects[PLAN_MULTIPLE_SCATTERING].is_simulated)
+        return params->scatter_order_max;
+    const uint32_t most = params->scatter_order_max;
+    return most > 0 && most < last ? most : last;
+}
+
+void plan_glow(const AmbScene *scene, const AmbRenderParams *params, Plan *plan) {
+    const uint32_t orders =
+        plan->camera.effects & (AMB_EFFECT_SINGLE_SCATTERING | AMB_EFFECT_DOUBLE_SCATTERING |
+                                AMB_EFFECT_MULTIPLE_SCATTERING);
+    /* Walks have no variance to speak of where the surroundings are even; cells have their light
+     * and that of lamps in one sum. */
+    const bool has_world =
+        plan->scatter.has_world && plan->scatter_estimator == AMB_SCATTER_PHOTONS;
+    if (!plan->effects[PLAN_LIGHT_ON_SURFACES].is_simulated || orders == 0 ||
+        plan->scatter_estimator == AMB_SCATTER_TREE_CUT || !(scene_has_lamp(scene) || has_world))
+        return;
+    plan->caustics.glow = plan->scatter;
+    plan->caustics.glow.photon_count = params->light_samples / SAMPLES_PER_CAUSTIC_RAY + 1;
+    plan->caustics.glow.order_max = last_order(params, plan);
+    plan->caustics.glow.has_world = has_world;
+    plan->camera.glow = orders | (has_world ? (uint32_t)AMB_EFFECT_WORLD_LIGHT : 0u);
+}

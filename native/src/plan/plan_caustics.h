@@ -14,4 +14,8 @@ PlanEffect plan_caustics(const AmbScene *scene, const AmbRenderParams *params, c
 AmbStatus plan_measure_caustics(const AmbScene *scene, const AmbRenderParams *params, Job *job,
                                 Plan *plan);
 
+/* Whether light that scatters on its way to opaque surfaces is a part of the map of caustics; after
+ * everything else that the map, later orders and the camera need to know. */
+void plan_glow(const AmbScene *scene, const AmbRenderParams *params, Plan *plan);
+
 #endif

@@ -20,11 +20,23 @@ static const FieldPrior CAUSTIC_PRIOR = {{1.65, 0.85}, 1.5, 2.5, 0.85};
 static const uint32_t SCATTERING = AMB_EFFECT_SINGLE_SCATTERING | AMB_EFFECT_DOUBLE_SCATTERING |
                                    AMB_EFFECT_MULTIPLE_SCATTERING | AMB_EFFECT_WORLD_LIGHT;
 
+/* Of light that is bent, and that glows; one of both may be none. */
+static uint64_t count_rays(const CausticParams *params) {
+    const uint64_t rays = params->light.ray_count, photons = params->glow.photon_count;
+    return rays > photons ? rays : photons;
+}
+
+static void begin_with_few(uint64_t *count) {
+    const uint64_t first = *count >> FIRST_SHIFT;
+    if (*count > 0)
+        *count = first > RAYS_FIRST_MIN ? first : RAYS_FIRST_MIN;
+}
+
 void accuracy_plan_caustics(AmbRender *render) {
-    uint64_t *rays = &render->plan.caustics.light.ray_count;
-    const uint64_t first = *rays >> FIRST_SHIFT;
-    render->caustic_rays_planned = *rays;
-    *rays = first > RAYS_FIRST_MIN ? first : RAYS_FIRST_MIN;
+    CausticParams *params = &render->plan.caustics;
+    render->caustic_rays_planned = count_rays(params);
+    begin_with_few(&params->light.ray_count);
+    begin_with_few(&params->glow.photon_count);
 }
 
 /* Maps from coarse to fine. All are kept until the last is fine enough: pixels where light is
@@ -119,6 +131,8 @@ static AmbStatus climb(AmbRender *render, const Field *field, Ladder *ladder,
     const CausticParams kept = *params;
     params->light.ray_count *= 4;
     params->light.seed += SEED_STEP;
+    params->glow.photon_count *= 4;
+    params->glow.seed += SEED_STEP;
     const uint32_t level = render->accuracy.caustic_probe.level_count;
     const AmbStatus status = render_build_caustics(render, &ladder->maps[level]);
     *out_is_left_out = render_forgive_memory(render, status);
@@ -132,10 +146,10 @@ static AmbStatus climb(AmbRender *render, const Field *field, Ladder *ladder,
 static AmbStatus climb_until_fine(AmbRender *render, const Field *field, Ladder *ladder) {
     Accuracy *accuracy = &render->accuracy;
     const Probe *probe = &accuracy->caustic_probe;
-    const LightTraceParams *light = &render->plan.caustics.light;
     AMB_TRY(look(render, field, ladder));
     while (probe->level_count < LEVELS_MIN || !is_fine(accuracy)) {
-        const bool is_last = 4 * light->ray_count > render->caustic_rays_planned << LAST_SHIFT;
+        const bool is_last = 4 * count_rays(&render->plan.caustics) > render->caustic_rays_planned
+                                                                          << LAST_SHIFT;
         if (probe->level_count >= LEVELS_MIN && is_last) {
             accuracy->limit = "caustics: 16 times the rays of light_samples are the most";
             break;

@@ -373,7 +373,8 @@ AmbStatus render_build_caustics(AmbRender *render, CausticMap **out_map) {
 }
 
 static AmbStatus run_caustics(AmbRender *render, CausticMap **out_map) {
-    render->accuracy.has_caustics = render->plan.caustics.light.ray_count == 0;
+    render->accuracy.has_caustics =
+        render->plan.caustics.light.ray_count == 0 && render->plan.caustics.glow.photon_count == 0;
     if (render->accuracy.has_caustics)
         return AMB_OK;
     if (render->accuracy.target > 0.0f)

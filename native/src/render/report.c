@@ -137,7 +137,10 @@ static double light_cost(const AmbRender *render, uint32_t effect) {
         return passed;
     if (effect == of_scatter)
         return render->light_costs[LIGHT_COST_SCATTER];
-    return effect == PLAN_CAUSTICS ? render->light_costs[LIGHT_COST_CAUSTICS] : 0.0;
+    const bool has_caustics = render->plan.effects[PLAN_CAUSTICS].is_simulated;
+    return effect == (has_caustics ? PLAN_CAUSTICS : PLAN_LIGHT_ON_SURFACES)
+               ? render->light_costs[LIGHT_COST_CAUSTICS]
+               : 0.0;
 }
 
 static void add_effect_cost(Text *text, const Costs *costs, uint32_t effect) {
@@ -272,6 +275,10 @@ static void add_caustics(Text *text, const AmbRender *render) {
         (unsigned long long)account->ray_count, (unsigned long long)account->photon_count,
         (unsigned long long)account->bytes);
     add_rgb(text, "flux_landed", account->landed, "},\n");
+    add(text, "  \"glow\": {\"rays\": %llu, \"photons\": %llu, ",
+        (unsigned long long)account->glow_ray_count,
+        (unsigned long long)account->glow_photon_count);
+    add_rgb(text, "flux_landed", account->glow_landed, "},\n");
 }
 
 static void add_scatter(Text *text, const AmbRender *render) {

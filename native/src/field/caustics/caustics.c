@@ -24,6 +24,7 @@ static const float SOURCE_OVERLAP_MAX = 200.0f;
 
 struct CausticMap {
     CausticTree trees[CAUSTIC_PART_MAX]; /* no photons: empty */
+    CausticTree glow[GLOW_ORDER_COUNT][CAUSTIC_PART_MAX];
     uint32_t part_count;
     CausticAccount account;
 };
@@ -112,13 +113,22 @@ static double typical_area(const LightField *light) {
     return weight > 0.0 ? exp(sum / weight) : 0.0;
 }
 
+static void account_tree(const CausticTree *tree, CausticMap *map) {
+    map->account.bytes += tree->photon_count * sizeof(CausticPhoton) +
+                          (2 * tree->block_count - 1) * sizeof(CausticBox);
+}
+
+static uint32_t part_of(const CausticMap *map, float rank) {
+    return (uint32_t)(rank * (float)map->part_count);
+}
+
 /* The map's part of the photons. */
 static AmbStatus build_part(const LightField *light, Placement *placement, uint32_t part, Job *job,
                             CausticMap *map) {
     uint64_t *chosen = memory_alloc_array(light->landing_count, sizeof *chosen);
     uint64_t count = 0;
     for (uint64_t i = 0; chosen != NULL && i < light->landing_count; ++i)
-        if ((uint32_t)(light->landings[i].rank * (float)map->part_count) == part)
+        if (part_of(map, light->landings[i].rank) == part)
             chosen[count++] = i;
     AmbStatus status = AMB_OK;
     placement->chosen = chosen;
@@ -138,15 +148,13 @@ static AmbStatus build_part(const LightField *light, Placement *placement, uint3
     CausticTree *tree = &map->trees[part];
     AMB_TRY(caustic_tree_build(placement->photons, count, job, tree));
     map->account.photon_count += tree->photon_count;
-    map->account.bytes += tree->photon_count * sizeof(CausticPhoton) +
-                          (2 * tree->block_count - 1) * sizeof(CausticBox);
+    account_tree(tree, map);
     return AMB_OK;
 }
 
 static AmbStatus build(const LightField *light, const CausticParams *params, Job *job,
                        CausticMap *map) {
     map->account.ray_count = light->ray_count;
-    map->part_count = params->part_count > 0 ? params->part_count : 1;
     memcpy(map->account.landed, light->tally.landed, sizeof map->account.landed);
     const double area = typical_area(light);
     if (!(area > 0.0))
@@ -159,18 +167,83 @@ static AmbStatus build(const LightField *light, const CausticParams *params, Job
     return AMB_OK;
 }
 
+static AmbStatus create_bent(const AmbScene *scene, const CausticParams *params, Job *job,
+                             CausticMap *map) {
+    LightField light;
+    AMB_TRY(light_trace(scene, &params->light, job, &light));
+    const AmbStatus status = build(&light, params, job, map);
+    light_field_clear(&light);
+    return status;
+}
+
+/* The part of one order's kernels. */
+static AmbStatus build_glow_part(const PhotonLandings *landings, const CausticPhoton *photons,
+                                 uint32_t order, uint32_t part, Job *job, CausticMap *map) {
+    CausticTree *tree = &map->glow[order][part];
+    uint64_t count = 0, placed = 0;
+    for (uint64_t i = 0; i < landings->count; ++i)
+        count += part_of(map, landings->list[i].rank) == part ? 1 : 0;
+    if (count == 0)
+        return AMB_OK;
+    CausticPhoton *some = memory_alloc_array(count, sizeof *some);
+    if (some == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for light on opaque surfaces");
+    for (uint64_t i = 0; i < landings->count; ++i)
+        if (part_of(map, landings->list[i].rank) == part)
+            some[placed++] = photons[i];
+    AMB_TRY(caustic_tree_build(some, count, job, tree));
+    account_tree(tree, map);
+    return AMB_OK;
+}
+
+static AmbStatus build_glow_order(const AmbScene *scene, const PhotonLandings *landings,
+                                  uint32_t order, Job *job, CausticMap *map) {
+    CausticAccount *account = &map->account;
+    account->glow_photon_count += landings->count;
+    for (uint64_t i = 0; i < landings->count; ++i) {
+        const Rgb flux = landings->list[i].flux;
+        account->glow_landed[0] += (double)flux.r;
+        account->glow_landed[1] += (double)flux.g;
+        account->glow_landed[2] += (double)flux.b;
+    }
+    if (landings->count == 0)
+        return AMB_OK;
+    CausticPhoton *photons = memory_alloc_array(landings->count, sizeof *photons);
+    AmbStatus status = AMB_OK;
+    if (photons == NULL)
+        status = status_fail(AMB_OUT_OF_MEMORY, "no memory for light on opaque surfaces");
+    if (status == AMB_OK)
+        status = glow_place(scene, landings, job, photons);
+    for (uint32_t k = 0; k < map->part_count && status == AMB_OK; ++k)
+        status = build_glow_part(landings, photons, order, k, job, map);
+    memory_free(photons);
+    return status;
+}
+
+static AmbStatus create_glow(const AmbScene *scene, const CausticParams *params, Job *job,
+                             CausticMap *map) {
+    GlowLandings landings;
+    AMB_TRY(glow_trace(scene, &params->glow, job, &landings));
+    map->account.glow_ray_count = landings.tally.photon_count;
+    AmbStatus status = AMB_OK;
+    for (uint32_t k = 0; k < GLOW_ORDER_COUNT && status == AMB_OK; ++k)
+        status = build_glow_order(scene, &landings.orders[k], k, job, map);
+    glow_clear(&landings);
+    return status;
+}
+
 AmbStatus caustics_create(const AmbScene *scene, const CausticParams *params, Job *job,
                           CausticMap **out_map) {
     *out_map = NULL;
     CausticMap *map = memory_zero_array(1, sizeof *map);
     if (map == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for caustics");
-    LightField light;
-    AmbStatus status = light_trace(scene, &params->light, job, &light);
-    if (status == AMB_OK) {
-        status = build(&light, params, job, map);
-        light_field_clear(&light);
-    }
+    map->part_count = params->part_count > 0 ? params->part_count : 1;
+    AmbStatus status = AMB_OK;
+    if (params->light.ray_count > 0)
+        status = create_bent(scene, params, job, map);
+    if (status == AMB_OK && params->glow.photon_count > 0)
+        status = create_glow(scene, params, job, map);
     if (status != AMB_OK) {
         caustics_destroy(map);
         return status;
@@ -182,18 +255,32 @@ AmbStatus caustics_create(const AmbScene *scene, const CausticParams *params, Jo
 void caustics_destroy(CausticMap *map) {
     if (map == NULL)
         return;
-    for (uint32_t k = 0; k < map->part_count; ++k)
+    for (uint32_t k = 0; k < map->part_count; ++k) {
         caustic_tree_clear(&map->trees[k]);
+        for (uint32_t i = 0; i < GLOW_ORDER_COUNT; ++i)
+            caustic_tree_clear(&map->glow[i][k]);
+    }
     memory_free(map);
 }
 
-Rgb caustics_irradiance(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part) {
-    const bool is_part = part > 0 && map->part_count > 1;
+static Rgb sum_parts(const CausticTree *trees, uint32_t part_count, Vec3 p, Vec3 n, uint32_t part) {
+    const bool is_part = part > 0 && part_count > 1;
     Rgb sum = rgb(0, 0, 0);
-    for (uint32_t k = 0; k < map->part_count; ++k)
-        if (map->trees[k].photon_count > 0 && (!is_part || part == k + 1))
-            sum = rgb_add(sum, caustic_tree_irradiance(&map->trees[k], p, n));
-    return is_part ? rgb_scale(sum, (float)map->part_count) : sum;
+    for (uint32_t k = 0; k < part_count; ++k)
+        if (trees[k].photon_count > 0 && (!is_part || part == k + 1))
+            sum = rgb_add(sum, caustic_tree_irradiance(&trees[k], p, n));
+    return is_part ? rgb_scale(sum, (float)part_count) : sum;
+}
+
+Rgb caustics_irradiance(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part) {
+    return sum_parts(map->trees, map->part_count, p, n, part);
+}
+
+CausticGlow caustics_glow(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part) {
+    CausticGlow glow;
+    for (uint32_t i = 0; i < GLOW_ORDER_COUNT; ++i)
+        glow.orders[i] = sum_parts(map->glow[i], map->part_count, p, n, part);
+    return glow;
 }
 
 CausticAccount caustics_account(const CausticMap *map) {

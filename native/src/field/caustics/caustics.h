@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * Light that refractive boundaries throw onto opaque surfaces: photons with the footprint that
- * their tangent pairs give them. */
+ * Light that comes to opaque surfaces by way of translucent objects: what their boundaries throw
+ * there, photons with the footprint that their tangent pairs give them, and what scattered in their
+ * media (glow.h). */
 #ifndef AMB_FIELD_CAUSTICS_CAUSTICS_H
 #define AMB_FIELD_CAUSTICS_CAUSTICS_H
 
+#include "field/caustics/glow.h"
 #include "light/light_trace.h"
 
 typedef struct CausticMap CausticMap;
@@ -11,14 +13,17 @@ typedef struct CausticMap CausticMap;
 enum { CAUSTIC_PART_MAX = 8 };
 
 typedef struct CausticParams {
-    LightTraceParams light; /* lands */
+    LightTraceParams light; /* lands; ray_count 0: nothing is bent */
+    ScatterParams glow;     /* photon_count 0: nothing glows */
     float overlap;          /* photons that cover a point where light is even */
     uint32_t part_count;    /* 1 .. CAUSTIC_PART_MAX, as FieldParams'; 0: one */
 } CausticParams;
 
 typedef struct CausticAccount {
     uint64_t ray_count, photon_count, bytes;
-    double landed[3]; /* flux of all photons, W */
+    double landed[3];                           /* flux of all photons, W */
+    uint64_t glow_ray_count, glow_photon_count; /* emitted, and landed after scattering */
+    double glow_landed[3];
 } CausticAccount;
 
 /* Traces the light and builds the map, which may be empty. Same bits for any number of threads. */
@@ -30,6 +35,13 @@ void caustics_destroy(CausticMap *map);
  * boundaries refract there, or reflect. Light that goes straight on through boundaries between
  * equal indices is not in it. part: as FieldSegment's. Any thread. */
 Rgb caustics_irradiance(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part);
+
+/* The same of light that scattered on its way, by order. */
+typedef struct CausticGlow {
+    Rgb orders[GLOW_ORDER_COUNT];
+} CausticGlow;
+
+CausticGlow caustics_glow(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part);
 
 CausticAccount caustics_account(const CausticMap *map);
 

@@ -2,6 +2,9 @@
  * The random walk of photons. */
 #include "field/scatter/photon_walk.h"
 
+#include <string.h>
+
+#include "base/memory.h"
 #include "base/rng.h"
 
 enum { BOUNDARY_MAX = 4096 }; /* boundaries of one photon, a guard against endless reflection */
@@ -17,10 +20,13 @@ static const float ROULETTE_SHARE = 0.25f;
 typedef struct Walker {
     const PhotonWalk *walk;
     float *const *moments;
+    PhotonLandings *landings; /* NULL: none is kept */
     ScatterTally *tally;
     Rng rng;
+    float rank; /* of its landings */
     uint32_t dimension;
     Vec3 o, d;
+    float way;   /* m, since it last turned; to o */
     float depth; /* of o; 0 where it may be on a surface */
     Rgb flux;
     float worth; /* largest channel of the flux when roulette was last played */
@@ -96,24 +102,41 @@ static Rgb flight_weight(const Flight *flight, const Medium *medium, float t, bo
     return rgb_scale(passed, 1.0f / pdf);
 }
 
+/* Meshes with holes let light out into a medium without end. */
+static bool is_in_object(const Walker *walker, uint32_t object) {
+    const SceneObject *shape = &walker->walk->scene->objects[object];
+    const Vec3 from = vec3_sub(walker->o, shape->center);
+    return vec3_dot(from, from) <= 1.01f * shape->radius * shape->radius;
+}
+
+/* The depth of a collision; false: out of the object through a hole of its mesh. */
+static bool find_depth(Walker *walker, uint32_t object) {
+    const DepthGrid *grid = &walker->walk->cells[object].depth;
+    walker->depth = 0.0f;
+    if (grid->nodes == NULL)
+        return is_in_object(walker, object);
+    DepthCell place;
+    if (!depth_grid_find(grid, walker->o, &place))
+        return false;
+    walker->depth = fmaxf(depth_cell_value(&place), 0.0f);
+    return true;
+}
+
 /* Flux per collision coefficient arrives at a collision: adds it to the cells, then scatters. */
 static bool collide(Walker *walker, const Medium *medium, uint32_t object, Rgb stretch) {
     const ScatterCells *cells = &walker->walk->cells[object];
     ScatterTally *tally = walker->tally;
     const float u[5] = {next_random(walker), next_random(walker), next_random(walker),
                         next_random(walker), next_random(walker)};
-    DepthCell place;
-    if (!depth_grid_find(&cells->depth, walker->o, &place)) {
-        /* Out of the object through a hole of its mesh, into a medium without end. */
+    if (!find_depth(walker, object)) {
         tally_add(tally->lost, rgb_mul(stretch, medium->sigma_t));
         return false;
     }
     ++walker->order;
+    walker->is_straight = false;
     ++tally->collision_count;
-    const float depth = depth_cell_value(&place);
-    walker->depth = depth > 0.0f ? depth : 0.0f;
     /* The first scattering of a lamp's light is the light field's. */
-    if (walker->order > 1 || walker->is_of_surroundings) {
+    if (cells->layer_count > 0 && (walker->order > 1 || walker->is_of_surroundings)) {
         const uint32_t layer = scatter_layer_at(cells, walker->depth);
         if (layer < cells->layer_count) {
             float harmonics[HARMONIC_COUNT_MAX];
@@ -144,7 +167,14 @@ static bool collide(Walker *walker, const Medium *medium, uint32_t object, Rgb s
         pick -= weight;
     }
     walker->d = scatter_direction(walker->d, medium->lobes[lobe].g, u[3], u[4]);
+    walker->way = 0.0f;
     return true;
+}
+
+/* Whether light that scatters once more would be left out. */
+static bool has_last_order(const Walker *walker) {
+    const uint32_t order_max = walker->walk->params->order_max;
+    return order_max > 0 && walker->order >= order_max;
 }
 
 /* Goes on to the next collision or boundary; true, at a boundary, which *out_hit is. */
@@ -152,7 +182,7 @@ static bool fly(Walker *walker, Hit *out_hit, bool *out_ends) {
     const AmbScene *scene = walker->walk->scene;
     *out_ends = false;
     const SceneMaterial *material = medium_stack_material(scene, &walker->stack);
-    if (material == NULL || !medium_scatters(&material->medium)) {
+    if (material == NULL || !medium_scatters(&material->medium) || has_last_order(walker)) {
         if (!scene_intersect(scene, walker->o, walker->d, INFINITY, out_hit)) {
             if (walker->stack.count > 0)
                 tally_add(walker->tally->lost, walker->flux);
@@ -192,8 +222,45 @@ static bool fly(Walker *walker, Hit *out_hit, bool *out_ends) {
     return false;
 }
 
+static void keep_landing(PhotonLandings *landings, const PhotonLanding *landing) {
+    if (landings->count == landings->room) {
+        const uint64_t room = landings->room > 0 ? 2 * landings->room : 256;
+        PhotonLanding *list = memory_alloc_array(room, sizeof *list);
+        if (list == NULL) {
+            landings->is_cut_short = true;
+            return;
+        }
+        if (landings->count > 0)
+            memcpy(list, landings->list, landings->count * sizeof *list);
+        memory_free(landings->list);
+        landings->list = list;
+        landings->room = room;
+    }
+    landings->list[landings->count++] = *landing;
+}
+
+/* Below this cosine of incidence light is dropped, as in light_trace.c. */
+static const float GRAZING_COS = 1e-4f;
+
+static void land(const Walker *walker, const SurfacePoint *surface) {
+    const float cos_face = -vec3_dot(walker->d, surface->ng);
+    const float side = cos_face > 0.0f ? 1.0f : -1.0f;
+    const float cos_shading = -side * vec3_dot(walker->d, surface->ns);
+    if (fabsf(cos_face) < GRAZING_COS || !(cos_shading > 0.0f))
+        return;
+    const PhotonLanding landing = {.p = surface->p,
+                                   .n = vec3_scale(surface->ng, side),
+                                   .flux = rgb_scale(walker->flux, cos_shading / fabsf(cos_face)),
+                                   .distance = walker->way,
+                                   .rank = walker->rank,
+                                   .order = walker->order};
+    keep_landing(walker->landings, &landing);
+}
+
 /* A lamp in a medium lights what is opaque there: that is of the surroundings, once. */
 static bool meet_opaque(Walker *walker, const SurfacePoint *surface) {
+    if (walker->landings != NULL && walker->order > 0)
+        land(walker, surface);
     if (walker->stack.count == 0)
         return false;
     const Rgb before = walker->flux;
@@ -221,6 +288,7 @@ static bool meet(Walker *walker, const Hit *hit) {
     const ScatterParams *params = walker->walk->params;
     const SurfacePoint surface = scene_surface(scene, hit);
     const bool is_outside = walker->stack.count == 0;
+    walker->way += hit->t;
     if (surface.material->surface != AMB_SURFACE_DIELECTRIC)
         return meet_opaque(walker, &surface);
     const BoundaryCrossing crossing = boundary_cross(scene, &walker->stack, &surface, walker->d);
@@ -235,11 +303,11 @@ static bool meet(Walker *walker, const Hit *hit) {
     walker->is_straight = false;
     const DielectricSplit *split = &crossing.split;
     const bool is_adjoint = params->adjoint_normals && walker->order == 0;
-    /* Light from outside enters by its transmittance; inside one of both ways is drawn. Where
-     * interpolated normals forbid one of them, the other takes all. */
+    /* Light from outside enters by its transmittance; inside, and once it has scattered, one of
+     * both ways is drawn. Where interpolated normals forbid one of them, the other takes all. */
     bool is_refracted = true;
     float weight = 1.0f;
-    if (is_outside) {
+    if (is_outside && walker->order == 0) {
         if (!crossing.can_refract)
             return false;
         weight = 1.0f - split->reflectance;
@@ -267,6 +335,7 @@ static bool meet(Walker *walker, const Hit *hit) {
     }
     walker->flux = rgb_scale(walker->flux, weight);
     walker->o = scene_leave(&crossing.surface, walker->d);
+    walker->way = 0.0f;
     walker->depth = 0.0f;
     if (is_refracted) {
         walker->stack = crossing.beyond;
@@ -294,21 +363,86 @@ static bool survives(Walker *walker) {
     return true;
 }
 
+static void follow(Walker *walker, const Hit *first);
+
+/* A distance below `length`, from the channels' densities there in proportion to what collides of
+ * each (one-sample balance heuristic, as in draw_flight); *out_stretch: what arrives there per
+ * collision coefficient. False: nothing collides. */
+static bool draw_collision(Walker *walker, const Medium *medium, float length, float *out_t,
+                           Rgb *out_stretch) {
+    const Rgb sigma_t = medium->sigma_t;
+    const float sigma[3] = {sigma_t.r, sigma_t.g, sigma_t.b};
+    const float flux[3] = {walker->flux.r, walker->flux.g, walker->flux.b};
+    float inside[3], share[3], sum = 0.0f;
+    for (int k = 0; k < 3; ++k) {
+        inside[k] = -expm1f(-sigma[k] * length);
+        share[k] = flux[k] * inside[k];
+        sum += share[k];
+    }
+    const float u = next_random(walker) * sum, v = next_random(walker);
+    if (!(sum > 0.0f))
+        return false;
+    int k = u < share[0] ? 0 : u < share[0] + share[1] ? 1 : 2;
+    while (k > 0 && !(share[k] > 0.0f))
+        --k; /* rounding went past the last one */
+    if (!(share[k] > 0.0f))
+        return false;
+    const float t = fminf(-log1pf(-v * inside[k]) / sigma[k], length);
+    float pdf = 0.0f;
+    for (int c = 0; c < 3; ++c)
+        if (share[c] > 0.0f)
+            pdf += share[c] / sum * sigma[c] * expf(-sigma[c] * t) / inside[c];
+    *out_t = t;
+    *out_stretch = rgb_scale(rgb_mul(walker->flux, medium_transmittance(medium, t)), 1.0f / pdf);
+    return true;
+}
+
+/* A flight that is divided: what collides goes its own way to the end, the rest to the boundary.
+ * False: there is none. */
+static bool fly_divided(Walker *walker, const Medium *medium, Hit *out_hit) {
+    const AmbScene *scene = walker->walk->scene;
+    if (!scene_intersect(scene, walker->o, walker->d, INFINITY, out_hit)) {
+        tally_add(walker->tally->lost, walker->flux);
+        return false;
+    }
+    Walker part = *walker;
+    /* Random numbers of its own. */
+    part.rng.key = rng_mix(walker->rng.key + rng_mix(walker->dimension++));
+    part.dimension = 0;
+    float t = 0.0f;
+    Rgb stretch;
+    if (draw_collision(&part, medium, out_hit->t, &t, &stretch)) {
+        part.o = vec3_madd(part.o, t, part.d);
+        if (collide(&part, medium, medium_stack_top(&part.stack), stretch))
+            follow(&part, NULL);
+    }
+    walker->flux = rgb_mul(walker->flux, medium_transmittance(medium, out_hit->t));
+    return true;
+}
+
 /* Follows a photon that meets a boundary, or is in a medium (hit NULL). */
 static void follow(Walker *walker, const Hit *first) {
     if (first != NULL && !meet(walker, first))
         return;
     walker->worth = rgb_max(walker->flux);
-    const uint32_t order_max = walker->walk->params->order_max;
     for (uint32_t boundaries = 0; boundaries < BOUNDARY_MAX;) {
         Hit hit;
-        bool ends = false;
-        if (fly(walker, &hit, &ends)) {
+        bool ends = false, arrives;
+        const SceneMaterial *material = medium_stack_material(walker->walk->scene, &walker->stack);
+        if (walker->order < walker->walk->forced_count && material != NULL &&
+            medium_scatters(&material->medium)) {
+            arrives = fly_divided(walker, &material->medium, &hit);
+            ends = !arrives;
+        } else {
+            arrives = fly(walker, &hit, &ends);
+        }
+        if (arrives) {
             ++boundaries;
             if (!meet(walker, &hit))
                 return;
         }
-        if (ends || (order_max > 0 && walker->order >= order_max) || !survives(walker))
+        /* Light of the last order goes on to where it lands. */
+        if (ends || (walker->landings == NULL && has_last_order(walker)) || !survives(walker))
             return;
     }
     tally_add(walker->tally->lost, walker->flux);
@@ -353,14 +487,17 @@ static void follow_line(Walker *walker, const Photon *line) {
     }
 }
 
-void photon_walk(const PhotonWalk *walk, uint64_t i, float *const *moments, ScatterTally *tally) {
+void photon_walk(const PhotonWalk *walk, uint64_t i, float *const *moments,
+                 PhotonLandings *landings, ScatterTally *tally) {
     const Photon photon = photon_emit(walk->source, i);
     if (!(rgb_max(photon.flux) > 0.0f))
         return;
     const bool is_of_lamp = photon.batch->emission.light != NULL;
     Walker walker = {.walk = walk,
                      .moments = moments,
+                     .landings = landings,
                      .tally = tally,
+                     .rank = sample_fibonacci_rank(i - photon.batch->first, photon.batch->shift),
                      .rng = rng_create(walk->params->seed, RNG_STAGE_PHOTON, i + (1u << 16)),
                      .o = photon.o,
                      .d = photon.d,

@@ -42,7 +42,7 @@ static AmbStatus trace_bank(void *user, uint64_t begin, uint64_t end, uint32_t t
         for (uint64_t i = b; i < trace->walk.source->photon_count; i += trace->bank_count) {
             if (job_is_cancelled(trace->job))
                 return AMB_CANCELLED;
-            photon_walk(&trace->walk, i, bank->moments, &bank->tally);
+            photon_walk(&trace->walk, i, bank->moments, NULL, &bank->tally);
             if (++unreported == 256) {
                 atomic_fetch_add(&trace->job->work_done, unreported);
                 unreported = 0;
@@ -158,7 +158,7 @@ static AmbStatus run(const AmbScene *scene, const ScatterParams *params, Job *jo
     if (trace == NULL) {
         status = status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
     } else {
-        trace->walk = (PhotonWalk){scene, params, &source, scatter->cells};
+        trace->walk = (PhotonWalk){scene, params, &source, scatter->cells, 0};
         trace->job = job;
         trace->scatter = scatter;
         status = create_banks(scene, trace);
