@@ -172,7 +172,8 @@ static void target_is_reached_and_stated(void) {
             memset(demo.world, 0, sizeof demo.world);
             Picture picture = demo_render(&demo);
             picture_check(&picture, "target");
-            ENSURE(strstr(picture.report, "\"reached\": true, \"limit\": \"\"") != NULL);
+            ENSURE(strstr(picture.report,
+                          "\"reached\": true, \"in_reach\": true, \"limit\": \"\"") != NULL);
             const double stated = number_after(picture.report, "\"stated\": ");
             ENSURE(stated > 0.0 && stated <= (double)target);
             const double noise = number_after(picture.report, "\"noise\": ");

@@ -160,6 +160,14 @@ static double brute_force(const Tube *tube, const Segment *segment, const Medium
     return sum / (double)points;
 }
 
+static FieldRadiance gather(TubeGather variant, const TubeTree *tree, const Medium *medium, Vec3 o,
+                            Vec3 d, float length) {
+    const TubeRay ray = {o, d, length, true};
+    FieldRadiance out;
+    variant(tree, medium, &ray, 1, &out);
+    return out;
+}
+
 static void one_tube_matches_brute_force(void) {
     uint64_t state = 1;
     double total = 0.0, expected = 0.0, difference = 0.0;
@@ -170,7 +178,7 @@ static void one_tube_matches_brute_force(void) {
         const Medium medium = test_medium(trial % 2 == 0 ? 0.5f : 3.0f, trial % 3 == 0 ? 0.6f : 0);
         TubeTree tree = build(&tube, 1, 1);
         const FieldRadiance out =
-            tube_gather_portable(&tree, &medium, segment.o, segment.d, segment.length, true);
+            gather(tube_gather_portable, &tree, &medium, segment.o, segment.d, segment.length);
         tube_tree_clear(&tree);
         const double truth = brute_force(&tube, &segment, &medium);
         hits += truth > 0.0;
@@ -203,18 +211,18 @@ static void a_square_of_light_is_exact(void) {
     const double p = 0.4 / (4.0 * PI);
     /* Along x at depth 2 and y = 0.3 from x = -1: lit for 1 < t < 2. */
     const FieldRadiance across =
-        tube_gather_portable(&tree, &medium, vec3(-1, 0.3f, 2), vec3(1, 0, 0), 5.0f, true);
+        gather(tube_gather_portable, &tree, &medium, vec3(-1, 0.3f, 2), vec3(1, 0, 0), 5.0f);
     const double lit = p * exp(-0.7 * 2.0) * (exp(-0.7) - exp(-1.4)) / 0.7;
     ENSURE_NEAR(across.radiance.r, lit, 2e-3 * lit); /* midpoint per chord of both triangles */
     /* The segment ends within the light. */
     const FieldRadiance half =
-        tube_gather_portable(&tree, &medium, vec3(-1, 0.3f, 2), vec3(1, 0, 0), 1.5f, true);
+        gather(tube_gather_portable, &tree, &medium, vec3(-1, 0.3f, 2), vec3(1, 0, 0), 1.5f);
     const double lit_half = p * exp(-0.7 * 2.0) * (exp(-0.7) - exp(-1.05)) / 0.7;
     ENSURE_NEAR(half.radiance.r, lit_half, 2e-3 * lit_half);
     /* Nearly along the light, from inside: int_0^3 of E sigma_s p e^{-sigma_t (1 + 2 t)}. */
     const Vec3 along = vec3_normalize(vec3(1e-3f, 2e-4f, 1));
     const FieldRadiance view =
-        tube_gather_portable(&tree, &medium, vec3(0.3f, 0.4f, 1), along, 3.0f, true);
+        gather(tube_gather_portable, &tree, &medium, vec3(0.3f, 0.4f, 1), along, 3.0f);
     const double deep = p * exp(-0.7) * (1.0 - exp(-4.2)) / 1.4;
     ENSURE_NEAR(view.radiance.r, deep, 3e-3 * deep);
     ENSURE_NEAR(view.contribution, rgb_mean(view.radiance), 0.0);
@@ -234,12 +242,12 @@ static void tree_loses_no_tube(void) {
         for (int trial = 0; trial < 30; ++trial) {
             const Segment s = random_segment(&state, &tubes[trial % (int)count]);
             const FieldRadiance all =
-                tube_gather_portable(&tree, &medium, s.o, s.d, s.length, true);
+                gather(tube_gather_portable, &tree, &medium, s.o, s.d, s.length);
             double sum = 0.0, frequency = 0.0;
             for (uint64_t i = 0; i < count; ++i) {
                 TubeTree one = build(&tubes[i], 1, 1);
                 const FieldRadiance out =
-                    tube_gather_portable(&one, &medium, s.o, s.d, s.length, true);
+                    gather(tube_gather_portable, &one, &medium, s.o, s.d, s.length);
                 sum += (double)out.radiance.r;
                 frequency += (double)out.frequency;
                 tube_tree_clear(&one);
@@ -266,8 +274,8 @@ static void gather_variants_agree_bit_for_bit(void) {
     const Medium medium = test_medium(1.0f, 0.7f);
     for (int trial = 0; trial < 1000; ++trial) {
         const Segment s = random_segment(&state, &tubes[trial]);
-        const FieldRadiance a = tube_gather_portable(&tree, &medium, s.o, s.d, s.length, true);
-        const FieldRadiance b = tube_gather_avx2(&tree, &medium, s.o, s.d, s.length, true);
+        const FieldRadiance a = gather(tube_gather_portable, &tree, &medium, s.o, s.d, s.length);
+        const FieldRadiance b = gather(tube_gather_avx2, &tree, &medium, s.o, s.d, s.length);
         bright += a.contribution > 0.0f;
         different += memcmp(&a, &b, sizeof a) != 0;
     }
@@ -275,6 +283,43 @@ static void gather_variants_agree_bit_for_bit(void) {
     ENSURE(bright > 900);
     ENSURE(different == 0);
 #endif
+}
+
+/* Rays that go through the tree together get what each gets alone, to the bit. */
+static void rays_do_not_depend_on_each_other(void) {
+    static Tube tubes[TUBE_MAX];
+    const TubeGather variants[] = {tube_gather_portable, tube_gather_select()};
+    uint64_t state = 8;
+    for (int i = 0; i < TUBE_MAX; ++i)
+        tubes[i] = random_tube(&state, 0.1);
+    const Medium medium = test_medium(1.0f, 0.7f);
+    TubeTree tree = build(tubes, TUBE_MAX, 1);
+    int bright = 0, different = 0;
+    for (uint32_t trial = 0; trial < 60; ++trial) {
+        const uint32_t count = 1 + trial % TUBE_PACKET;
+        TubeRay rays[TUBE_PACKET];
+        for (uint32_t r = 0; r < count; ++r) {
+            const Tube *tube = &tubes[TUBE_PACKET * trial + r];
+            const Segment s = random_segment(&state, tube);
+            /* Some run along the light. */
+            const bool is_along = (trial + r) % 5 == 0;
+            rays[r] = (TubeRay){is_along ? tube->x[0] : s.o, is_along ? tube->w[0] : s.d, s.length,
+                                r % 2 == 0};
+        }
+        for (int v = 0; v < 2; ++v) {
+            FieldRadiance together[TUBE_PACKET];
+            variants[v](&tree, &medium, rays, count, together);
+            for (uint32_t r = 0; r < count; ++r) {
+                FieldRadiance alone;
+                variants[v](&tree, &medium, &rays[r], 1, &alone);
+                bright += alone.contribution > 0.0f;
+                different += memcmp(&alone, &together[r], sizeof alone) != 0;
+            }
+        }
+    }
+    tube_tree_clear(&tree);
+    ENSURE(bright > 800);
+    ENSURE(different == 0);
 }
 
 /* That one rounds once where the others round twice. */
@@ -292,8 +337,8 @@ static void avx512_agrees(void) {
     const Medium medium = test_medium(1.0f, 0.7f);
     for (int trial = 0; trial < 1000; ++trial) {
         const Segment s = random_segment(&state, &tubes[trial]);
-        const FieldRadiance a = tube_gather_portable(&tree, &medium, s.o, s.d, s.length, true);
-        const FieldRadiance b = tube_gather_avx512(&tree, &medium, s.o, s.d, s.length, true);
+        const FieldRadiance a = gather(tube_gather_portable, &tree, &medium, s.o, s.d, s.length);
+        const FieldRadiance b = gather(tube_gather_avx512, &tree, &medium, s.o, s.d, s.length);
         total += (double)a.contribution;
         difference += fabs((double)(a.contribution - b.contribution));
         ENSURE_NEAR(b.radiance.g, a.radiance.g, 1e-2 * (double)a.radiance.g);
@@ -422,13 +467,14 @@ static void bent_tubes_are_quartered(void) {
                                 (float)test_uniform(&state, -0.6, 0.3));
             const Vec3 d = vec3_normalize(vec3((float)test_uniform(&state, -0.1, 0.1), 1, 0));
             const double truth =
-                (double)tube_gather_portable(&many, &medium, o, d, 2.0f, true).contribution;
+                (double)gather(tube_gather_portable, &many, &medium, o, d, 2.0f).contribution;
             total += truth;
-            plain += fabs(
-                (double)tube_gather_portable(&one, &medium, o, d, 2.0f, true).contribution - truth);
-            bent +=
-                fabs((double)tube_gather_portable(&adapts, &medium, o, d, 2.0f, true).contribution -
+            plain +=
+                fabs((double)gather(tube_gather_portable, &one, &medium, o, d, 2.0f).contribution -
                      truth);
+            bent += fabs(
+                (double)gather(tube_gather_portable, &adapts, &medium, o, d, 2.0f).contribution -
+                truth);
         }
         tube_tree_clear(&one);
         tube_tree_clear(&adapts);
@@ -464,6 +510,7 @@ void test_tubes(void) {
     RUN(a_square_of_light_is_exact);
     RUN(tree_loses_no_tube);
     RUN(gather_variants_agree_bit_for_bit);
+    RUN(rays_do_not_depend_on_each_other);
     RUN(avx512_agrees);
     RUN(patches_share_corners);
     RUN(bent_tubes_are_quartered);

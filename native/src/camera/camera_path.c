@@ -17,21 +17,53 @@ typedef struct Branch {
     uint32_t depth; /* boundaries so far */
 } Branch;
 
-FieldRadiance walker_gather(Walker *walker, FieldSegment segment, Rgb throughput,
-                            bool has_frequency) {
+/* Notes what light did before it scattered. */
+static void note_light(CameraSample *sample, Rgb throughput, const FieldRadiance *gathered) {
+    sample->parts[CAMERA_PART_LIGHT_BOUNCES] += rgb_mean(rgb_mul(throughput, gathered->reflected));
+    sample->parts[CAMERA_PART_TRANSMITTED] += rgb_mean(rgb_mul(throughput, gathered->passed));
+}
+
+FieldRadiance walker_gather(Walker *walker, FieldSegment segment, Rgb throughput) {
     LedgerClock *clock = &walker->clock;
     FieldTimes times = {0.0, 0.0};
     segment.times = clock->ledger != NULL ? &times : NULL;
-    const FieldRadiance gathered = has_frequency ? field_gather_frequency(walker->field, &segment)
-                                                 : field_gather(walker->field, &segment);
+    FieldRadiance gathered;
+    /* Timed ones do not wait, and tell the frequency for that. */
+    field_gather_many(walker->field, &segment, 1, clock->ledger != NULL, &gathered);
     if (clock->ledger != NULL) {
         ledger_take(clock, LEDGER_LIGHT_BOUNCES, times.reflected);
         ledger_take(clock, LEDGER_TRANSMITTED, times.passed);
     }
-    float *parts = walker->out->parts;
-    parts[CAMERA_PART_LIGHT_BOUNCES] += rgb_mean(rgb_mul(throughput, gathered.reflected));
-    parts[CAMERA_PART_TRANSMITTED] += rgb_mean(rgb_mul(throughput, gathered.passed));
+    note_light(walker->out, throughput, &gathered);
     return gathered;
+}
+
+static void add_single(CameraSample *sample, const CameraWay *way, Rgb throughput,
+                       const FieldRadiance *gathered) {
+    const Rgb single = rgb_mul(throughput, gathered->radiance);
+    sample->orders[0] = rgb_add(sample->orders[0], single);
+    sample_note(sample, way, single);
+}
+
+static void add_frequency(CameraSample *sample, Rgb throughput, const FieldRadiance *gathered) {
+    const float weight = rgb_mean(throughput);
+    sample->frequency += weight * gathered->frequency;
+    sample->contribution += weight * gathered->contribution;
+}
+
+/* The first of a sample waits for those of its neighbours, unless it is timed. */
+static void gather_single(Walker *walker, const CameraWay *way, const FieldSegment *segment,
+                          Rgb throughput) {
+    if (walker->waiting != NULL && !walker->waiting->is_there && walker->clock.ledger == NULL) {
+        *walker->waiting = (WaitingGather){*segment, *way, throughput, true};
+        return;
+    }
+    const LedgerEntry before = ledger_open(&walker->clock, LEDGER_SINGLE);
+    const FieldRadiance gathered = walker_gather(walker, *segment, throughput);
+    ledger_close(&walker->clock, before);
+    add_single(walker->out, way, throughput, &gathered);
+    if (walker->clock.ledger != NULL)
+        add_frequency(walker->out, throughput, &gathered);
 }
 
 /* Adds what scattered along the branch inside its medium, and attenuates the branch. */
@@ -49,22 +81,8 @@ static void pass_medium(Walker *walker, Branch *branch, float length) {
     const bool is_wanted = walker->field != NULL && medium_scatters(medium) &&
                            (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0;
     const float gathers = is_wanted ? walker_gathers(walker, branch->throughput) : 0.0f;
-    if (gathers > 0.0f) {
-        const Rgb throughput = rgb_scale(branch->throughput, gathers);
-        const LedgerEntry before = ledger_open(&walker->clock, LEDGER_SINGLE);
-        const FieldRadiance gathered =
-            walker_gather(walker, segment, throughput, walker->has_frequency);
-        ledger_close(&walker->clock, before);
-        CameraSample *out = walker->out;
-        const Rgb single = rgb_mul(throughput, gathered.radiance);
-        out->orders[0] = rgb_add(out->orders[0], single);
-        walker_note(walker, &branch->way, single);
-        if (walker->has_frequency) {
-            const float weight = rgb_mean(throughput);
-            out->frequency += weight * gathered.frequency;
-            out->contribution += weight * gathered.contribution;
-        }
-    }
+    if (gathers > 0.0f)
+        gather_single(walker, &branch->way, &segment, rgb_scale(branch->throughput, gathers));
     /* What the walls reflect goes on in the walk of the first stretch. */
     if (branch->way.bounces == 0 && walk_is_wanted(walker->params) && medium_scatters(medium)) {
         walker->way = branch->way;
@@ -219,7 +237,7 @@ static uint32_t choose_part(const CameraParams *params, Rng pixel_rng, uint32_t 
 
 static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
                                  const CameraObserver *observer, const CameraParams *params,
-                                 uint32_t x, uint32_t y, uint32_t index, bool has_frequency) {
+                                 uint32_t x, uint32_t y, uint32_t index, WaitingGather *waiting) {
     const uint64_t pixel = (uint64_t)y * params->width + x;
     /* A low-discrepancy sequence, turned for each pixel and replica, covers its area. */
     const Rng pixel_rng = rng_create(params->seed, RNG_STAGE_CAMERA, pixel);
@@ -234,7 +252,7 @@ static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
                      .out = &sample,
                      .observer = observer,
                      .part = choose_part(params, pixel_rng, index),
-                     .has_frequency = has_frequency,
+                     .waiting = waiting,
                      .clock = {.object = UINT32_MAX}};
     if (params->ledger != NULL && walker.rng.key % LEDGER_PERIOD == 0) {
         walker.clock.ledger = params->ledger;
@@ -257,12 +275,62 @@ static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
     return sample;
 }
 
-CameraSample camera_sample(const AmbScene *scene, const Field *field, const CameraParams *params,
-                           uint32_t x, uint32_t y, uint32_t index, bool has_frequency) {
-    return sample_pixel(scene, field, NULL, params, x, y, index, has_frequency);
+/* Which gathers tell frequencies, bit by bit: see camera_samples. */
+static uint64_t choose_frequencies(const CameraRequest requests[], const uint32_t owners[],
+                                   uint32_t count) {
+    uint64_t bits = 0;
+    const CameraRequest *last = NULL;
+    for (uint32_t k = 0; k < count; ++k) {
+        const CameraRequest *request = &requests[owners[k]];
+        if (!request->wants_frequency ||
+            (last != NULL && last->x == request->x && last->y == request->y))
+            continue;
+        bits |= UINT64_C(1) << k;
+        last = request;
+    }
+    return bits;
+}
+
+/* Adds what samples left for later. */
+static void gather_waiting(const Field *field, const CameraRequest requests[],
+                           const WaitingGather waiting[], uint32_t count, CameraSample out[]) {
+    FieldSegment segments[CAMERA_BATCH];
+    uint32_t owners[CAMERA_BATCH], size = 0;
+    for (uint32_t i = 0; i < count; ++i)
+        if (waiting[i].is_there) {
+            segments[size] = waiting[i].segment;
+            owners[size++] = i;
+        }
+    if (size == 0)
+        return;
+    const uint64_t with_frequency = choose_frequencies(requests, owners, size);
+    FieldRadiance gathered[CAMERA_BATCH];
+    field_gather_many(field, segments, size, with_frequency, gathered);
+    for (uint32_t k = 0; k < size; ++k) {
+        const WaitingGather *gather = &waiting[owners[k]];
+        CameraSample *sample = &out[owners[k]];
+        add_single(sample, &gather->way, gather->throughput, &gathered[k]);
+        note_light(sample, gather->throughput, &gathered[k]);
+        if ((with_frequency >> k & 1) != 0)
+            add_frequency(sample, gather->throughput, &gathered[k]);
+    }
+}
+
+AmbStatus camera_samples(const AmbScene *scene, const Field *field, const CameraParams *params,
+                         const CameraRequest requests[], uint32_t count, CameraSample out[]) {
+    WaitingGather waiting[CAMERA_BATCH];
+    for (uint32_t i = 0; i < count; ++i) {
+        if (params->job != NULL && job_is_cancelled(params->job))
+            return AMB_CANCELLED;
+        waiting[i].is_there = false;
+        out[i] = sample_pixel(scene, field, NULL, params, requests[i].x, requests[i].y,
+                              requests[i].index, &waiting[i]);
+    }
+    gather_waiting(field, requests, waiting, count, out);
+    return AMB_OK;
 }
 
 CameraSample camera_observe(const AmbScene *scene, const CameraObserver *observer,
                             const CameraParams *params, uint32_t x, uint32_t y, uint32_t index) {
-    return sample_pixel(scene, NULL, observer, params, x, y, index, false);
+    return sample_pixel(scene, NULL, observer, params, x, y, index, NULL);
 }

@@ -68,13 +68,22 @@ static inline Rgb camera_sample_sum(const CameraSample *sample) {
 
 #define CAMERA_DEPTH_NONE 1e10f
 
-/* Radiance of sample `index` of pixel (x, y), y = 0 at the bottom, box filter. field may be NULL:
- * nothing scatters. At each dielectric boundary both the reflected and the refracted branch are
- * followed; radiance is divided by the square of the index entered, so that L / n^2 is kept.
- * Without has_frequency the sample does not tell frequencies, which takes time.
- * Deterministic in (seed, x, y, index). Any thread. */
-CameraSample camera_sample(const AmbScene *scene, const Field *field, const CameraParams *params,
-                           uint32_t x, uint32_t y, uint32_t index, bool has_frequency);
+/* Sample `index` of pixel (x, y), y = 0 at the bottom. */
+typedef struct CameraRequest {
+    uint32_t x, y, index;
+    bool wants_frequency;
+} CameraRequest;
+
+enum { CAMERA_BATCH = FIELD_GATHER_MAX };
+
+/* Radiance of up to CAMERA_BATCH samples, best of neighbouring pixels, box filter. field may be
+ * NULL: nothing scatters. At each dielectric boundary both the reflected and the refracted branch
+ * are followed; radiance is divided by the square of the index entered, so that L / n^2 is kept. Of
+ * requests for one pixel that want frequencies and follow one another the first that sees a medium
+ * tells its own, which takes time. What a sample sees is deterministic in (seed, x, y, index),
+ * whatever else is asked for. Any thread. AMB_CANCELLED where params->job is. */
+AmbStatus camera_samples(const AmbScene *scene, const Field *field, const CameraParams *params,
+                         const CameraRequest requests[], uint32_t count, CameraSample out[]);
 
 /* What light needs so that it is seen along a branch of a camera path. */
 typedef struct CameraWay {

@@ -246,7 +246,7 @@ static void gather(Walk *walk, float length) {
                                      walk->throughput);
     if (walker->field == NULL)
         return;
-    add(walk, walk->order + 1, walker_gather(walker, segment, walk->throughput, false).radiance);
+    add(walk, walk->order + 1, walker_gather(walker, segment, walk->throughput).radiance);
 }
 
 /* The same for all that has scattered before, where it is known: then nothing is left to a walk

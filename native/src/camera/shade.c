@@ -72,7 +72,7 @@ static void pass_medium(Walker *walker, LightPath *path, float length, Rgb glow)
             const FieldSegment segment = {
                 path->o, path->d, length, medium_stack_top(&path->stack), walker->part, NULL};
             const Rgb weight = rgb_scale(throughput, gathers);
-            const FieldRadiance gathered = walker_gather(walker, segment, weight, false);
+            const FieldRadiance gathered = walker_gather(walker, segment, weight);
             Rgb *single = &walker->out->orders[0];
             *single = rgb_madd(*single, weight, gathered.radiance);
         }

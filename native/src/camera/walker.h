@@ -13,6 +13,14 @@
  * later branches is little beside what the first ones gather. */
 #define WALKER_GATHER_THROUGHPUT 0.05f
 
+/* A gather that is left for later. */
+typedef struct WaitingGather {
+    FieldSegment segment;
+    CameraWay way;
+    Rgb throughput;
+    bool is_there;
+} WaitingGather;
+
 typedef struct Walker {
     const AmbScene *scene;
     const Field *field; /* NULL: no lamp's light scatters */
@@ -23,14 +31,14 @@ typedef struct Walker {
     const CameraObserver *observer; /* NULL: what is seen is summed up in out */
     CameraWay way;                  /* of a walk's beginning */
     uint32_t part;                  /* of the light field, as FieldSegment's */
-    bool has_frequency;             /* see camera_sample */
+    WaitingGather *waiting;         /* room for one, that it may be made with others; or NULL */
     LedgerClock clock;
 } Walker;
 
 /* Notes which effects radiance along a way owes itself to. */
-static inline void walker_note(Walker *walker, const CameraWay *way, Rgb radiance) {
+static inline void sample_note(CameraSample *sample, const CameraWay *way, Rgb radiance) {
     const float mean = rgb_mean(radiance);
-    float *parts = walker->out->parts;
+    float *parts = sample->parts;
     if ((way->effects & AMB_EFFECT_SURFACE_REFLECTION) != 0)
         parts[CAMERA_PART_REFLECTION] += mean;
     if ((way->effects & AMB_EFFECT_BACKGROUND) != 0)
@@ -39,9 +47,12 @@ static inline void walker_note(Walker *walker, const CameraWay *way, Rgb radianc
         parts[CAMERA_PART_BOUNCES] += mean;
 }
 
+static inline void walker_note(Walker *walker, const CameraWay *way, Rgb radiance) {
+    sample_note(walker->out, way, radiance);
+}
+
 /* Gathers from the light field along a stretch of this throughput. */
-FieldRadiance walker_gather(Walker *walker, FieldSegment segment, Rgb throughput,
-                            bool has_frequency);
+FieldRadiance walker_gather(Walker *walker, FieldSegment segment, Rgb throughput);
 
 static inline float walker_random(Walker *walker) {
     return rng_float(walker->rng, walker->dimension++);

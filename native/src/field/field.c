@@ -3,6 +3,7 @@
 #include "field/field.h"
 
 #include <stdatomic.h>
+#include <string.h>
 
 #include "base/memory.h"
 #include "field/points/points.h"
@@ -160,33 +161,52 @@ static FieldRadiance gather_points(const Field *field, const FieldSegment *segme
     return sum;
 }
 
-static FieldRadiance gather(const Field *field, const FieldSegment *segment, bool has_frequency) {
-    const uint32_t o = segment->object;
-    FieldRadiance sum = {.radiance = {0, 0, 0}};
-    if (field->tubes != NULL && field->tubes[o].tube_count > 0)
-        sum = tubes_gather(&field->tubes[o], segment, has_frequency);
-    if (field->specular != NULL && field->specular[o].tree.cell_count > 0)
-        sum = specular_gather(&field->specular[o], segment->o, segment->d, segment->length);
-    if (field->clouds == NULL)
-        return sum;
-    return field_radiance_add(sum, gather_points(field, segment));
+/* From the tubes of one object after the other. */
+static void gather_tubes(const Field *field, const FieldSegment segments[], uint32_t count,
+                         uint64_t with_frequency, FieldRadiance out[]) {
+    TubeRay rays[FIELD_GATHER_MAX];
+    for (uint32_t begin = 0; begin < count;) {
+        const uint32_t o = segments[begin].object;
+        uint32_t end = begin;
+        /* What is timed goes alone. */
+        for (; end < count && segments[end].object == o &&
+               (end == begin || (segments[end].times == NULL && segments[begin].times == NULL));
+             ++end)
+            rays[end - begin] = (TubeRay){segments[end].o, segments[end].d, segments[end].length,
+                                          (with_frequency >> end & 1) != 0};
+        if (field->tubes[o].tube_count > 0)
+            tubes_gather(&field->tubes[o], rays, end - begin, segments[begin].times, out + begin);
+        begin = end;
+    }
 }
 
-static FieldRadiance gather_finite(const Field *field, const FieldSegment *segment,
-                                   bool has_frequency) {
-    const FieldRadiance sum = gather(field, segment, has_frequency);
+static FieldRadiance finite(const Field *field, const FieldSegment *segment, FieldRadiance sum) {
     if (rgb_is_finite(sum.radiance) && isfinite(sum.frequency) && isfinite(sum.contribution))
         return sum;
     atomic_fetch_add(&field->nonfinite[segment->object], 1);
     return (FieldRadiance){.radiance = {0, 0, 0}};
 }
 
-FieldRadiance field_gather(const Field *field, const FieldSegment *segment) {
-    return gather_finite(field, segment, false);
+void field_gather_many(const Field *field, const FieldSegment segments[], uint32_t count,
+                       uint64_t with_frequency, FieldRadiance out[]) {
+    memset(out, 0, count * sizeof *out);
+    if (field->tubes != NULL)
+        gather_tubes(field, segments, count, with_frequency, out);
+    for (uint32_t i = 0; i < count; ++i) {
+        const FieldSegment *segment = &segments[i];
+        const uint32_t o = segment->object;
+        if (field->specular != NULL && field->specular[o].tree.cell_count > 0)
+            out[i] = specular_gather(&field->specular[o], segment->o, segment->d, segment->length);
+        if (field->clouds != NULL)
+            out[i] = field_radiance_add(out[i], gather_points(field, segment));
+        out[i] = finite(field, segment, out[i]);
+    }
 }
 
-FieldRadiance field_gather_frequency(const Field *field, const FieldSegment *segment) {
-    return gather_finite(field, segment, true);
+FieldRadiance field_gather(const Field *field, const FieldSegment *segment) {
+    FieldRadiance out;
+    field_gather_many(field, segment, 1, 0, &out);
+    return out;
 }
 
 uint64_t field_nonfinite(const Field *field, uint32_t object) {

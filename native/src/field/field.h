@@ -41,7 +41,7 @@ typedef struct FieldSegment {
 
 typedef struct FieldRadiance {
     Rgb radiance;       /* W m^-2 sr^-1, at the segment's start, inside the medium (no n^2) */
-    float frequency;    /* sum of contribution * frequency factor of its sample, where wanted */
+    float frequency;    /* sum of contribution * frequency factor of its sample; tubes: if wanted */
     float contribution; /* sum of contributions (mean of channels): the weight of frequency */
     Rgb reflected;      /* of radiance, light that was reflected inside before it scattered, */
     Rgb passed;         /* and light that has passed an object before; they overlap */
@@ -75,8 +75,14 @@ void field_destroy(Field *field);
  * Any thread; the field is const, but for its count of sums that are no numbers and are left out.
  */
 FieldRadiance field_gather(const Field *field, const FieldSegment *segment);
-/* The same with the frequency, which takes tubes a tenth longer. */
-FieldRadiance field_gather_frequency(const Field *field, const FieldSegment *segment);
+
+enum { FIELD_GATHER_MAX = 64 };
+
+/* The same for as many segments as that: neighbours in one object share work. What each gets does
+ * not depend on the others. Of segment i tubes tell the frequency if bit i is set, which takes a
+ * tenth longer. */
+void field_gather_many(const Field *field, const FieldSegment segments[], uint32_t count,
+                       uint64_t with_frequency, FieldRadiance out[]);
 
 /* How many of them were born in an object: above zero it is a defect. */
 uint64_t field_nonfinite(const Field *field, uint32_t object);

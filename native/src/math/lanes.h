@@ -94,7 +94,13 @@ static inline Lanes lanes_sqrt(Lanes a) {
 
 /* a where mask, else b. */
 static inline Lanes lanes_select(LaneMask mask, Lanes a, Lanes b) {
+#if defined(AMB_LANES_16)
+    return (Lanes)_mm512_mask_blend_ps(_mm512_movepi32_mask((__m512i)mask), (__m512)b, (__m512)a);
+#elif defined(__AVX2__)
+    return (Lanes)_mm256_blendv_ps((__m256)b, (__m256)a, (__m256)mask);
+#else
     return (Lanes)(((LaneMask)a & mask) | ((LaneMask)b & ~mask));
+#endif
 }
 
 /* 1 or -1. */
@@ -173,26 +179,6 @@ static inline void lanes_pack(float *out, Lanes v, const LanePack *pack) {
     lanes_store(out, lanes_packed(v, pack));
 }
 
-/* table[index[i] modulo 16] for each lane. */
-static inline Lanes lanes_lookup(const float table[16], LaneMask index) {
-#if defined(AMB_LANES_16)
-    return (Lanes)_mm512_permutexvar_ps((__m512i)index, _mm512_loadu_ps(table));
-#elif defined(__AVX512VL__)
-    return (Lanes)_mm256_permutex2var_ps(_mm256_loadu_ps(table), (__m256i)index,
-                                         _mm256_loadu_ps(table + LANE_COUNT));
-#elif defined(__AVX2__)
-    const __m256 low = _mm256_permutevar8x32_ps(_mm256_loadu_ps(table), (__m256i)index);
-    const __m256 high =
-        _mm256_permutevar8x32_ps(_mm256_loadu_ps(table + LANE_COUNT), (__m256i)index);
-    return (Lanes)_mm256_blendv_ps(low, high, (__m256)(index << 28));
-#else
-    Lanes out;
-    for (int i = 0; i < LANE_COUNT; ++i)
-        out[i] = table[index[i] & 15];
-    return out;
-#endif
-}
-
 /* Element i of rows[k] becomes element k of vector i. */
 static inline void lanes_load_rows(const float *const rows[LANE_COUNT], Lanes out[8]) {
 #if defined(AMB_LANES_16)
@@ -261,78 +247,6 @@ static inline uint32_t words_meeting(const uint16_t words[16], uint32_t a, uint3
 #endif
 }
 
-/* The bits set among sixteen, to be taken as many at a time as there are lanes. */
-#if defined(AMB_LANES_16)
-typedef struct BitList {
-    uint32_t bits;
-} BitList;
-
-static inline BitList list_bits(uint32_t bits) {
-    return (BitList){bits};
-}
-
-/* Which lanes hold one of them, from number `first` on. Here all sit in lanes of their own. */
-static inline uint32_t list_lanes(const BitList *list, uint32_t count, uint32_t first) {
-    (void)count;
-    (void)first;
-    return list->bits;
-}
-
-/* table[bit] for each lane. */
-static inline LaneMask list_lookup(const BitList *list, uint32_t first, const uint8_t table[16]) {
-    (void)list;
-    (void)first;
-    return (LaneMask)_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i *)table));
-}
-#else
-/* Their numbers in ascending order, a byte each, then others. In registers: what is read soon
- * after it was written in other pieces waits for memory. */
-typedef struct BitList {
-    uint64_t bytes[2];
-} BitList;
-
-static inline BitList list_bits(uint32_t bits) {
-    BitList list;
-#if defined(__AVX2__)
-    const uint64_t low = LANES_ORDERS[bits & 0xFF];
-    const uint64_t high = LANES_ORDERS[bits >> 8] | UINT64_C(0x0808080808080808);
-    /* The second half goes behind the first; two steps, because a shift by 64 is none. */
-    const int used = 4 * __builtin_popcount(bits & 0xFF);
-    list.bytes[0] = low | high << used << used;
-    list.bytes[1] = high >> (32 - used) >> (32 - used);
-#else
-    uint8_t bytes[16] = {0};
-    for (int count = 0; bits != 0; bits &= bits - 1)
-        bytes[count++] = (uint8_t)__builtin_ctz(bits);
-    memcpy(list.bytes, bytes, sizeof bytes);
-#endif
-    return list;
-}
-
-/* Which lanes hold one of them, from number `first` on. */
-static inline uint32_t list_lanes(const BitList *list, uint32_t count, uint32_t first) {
-    (void)list;
-    return count - first < LANE_COUNT ? (1u << (count - first)) - 1u : LANES_ALL;
-}
-
-/* table[bit] for each lane. */
-static inline LaneMask list_lookup(const BitList *list, uint32_t first, const uint8_t table[16]) {
-    const uint64_t index = list->bytes[first / LANE_COUNT];
-#if defined(__AVX2__)
-    const __m128i found = _mm_shuffle_epi8(_mm_loadu_si128((const __m128i *)table),
-                                           _mm_cvtsi64_si128((long long)index));
-    return (LaneMask)_mm256_cvtepu8_epi32(found);
-#else
-    uint8_t bytes[LANE_COUNT];
-    memcpy(bytes, &index, sizeof bytes);
-    LaneMask out;
-    for (int i = 0; i < LANE_COUNT; ++i)
-        out[i] = table[bytes[i]];
-    return out;
-#endif
-}
-#endif
-
 static inline void lanes_pack_numbers(uint32_t *out, LaneMask v, const LanePack *pack) {
     const Lanes packed = lanes_packed((Lanes)v, pack);
     memcpy(out, &packed, sizeof packed);
@@ -346,18 +260,6 @@ static inline LaneMask lanes_below(uint32_t count) {
     const LaneMask number = {0, 1, 2, 3, 4, 5, 6, 7};
 #endif
     return number < (int32_t)count;
-}
-
-/* Writes first + i for each of eight bits that is set, in ascending order; out must have room for
- * eight, and what follows those written is undefined. */
-static inline void lanes_store_numbers(uint32_t out[8], uint32_t first, uint32_t bits) {
-#if defined(__AVX2__)
-    const __m256i order = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((long long)LANES_ORDERS[bits]));
-    _mm256_storeu_si256((__m256i *)out, _mm256_add_epi32(order, _mm256_set1_epi32((int)first)));
-#else
-    for (; bits != 0; bits &= bits - 1)
-        *out++ = first + (uint32_t)__builtin_ctz(bits);
-#endif
 }
 
 /* exp(x) for x <= 0 by 2^(n + f), relative error below 3e-7; 0 below -87. */

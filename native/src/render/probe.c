@@ -58,6 +58,18 @@ void probe_clear(Probe *probe) {
     memset(probe, 0, sizeof *probe);
 }
 
+static void add_sample(Probe *probe, uint64_t index, const CameraSample *sample,
+                       ProbePixel *pixel) {
+    const Rgb radiance = camera_sample_sum(sample);
+    Rgb *sum = &pixel->sums[pixel->count++ % 2];
+    if (rgb_is_finite(radiance))
+        *sum = rgb_add(*sum, radiance);
+    if (sample->is_object)
+        probe->shows[index] |= PROBE_OBJECT;
+    if (sample->parts[CAMERA_PART_CAUSTICS] > 0.0f)
+        probe->shows[index] |= PROBE_CAUSTICS;
+}
+
 /* A block's pixel: by chance, for a fixed one of each would see patterns. Goes on from the samples
  * that it has. */
 static AmbStatus probe_block(const ProbePass *pass, uint64_t index, ProbePixel *pixel) {
@@ -70,19 +82,17 @@ static AmbStatus probe_block(const ProbePass *pass, uint64_t index, ProbePixel *
     const float u = rng_float(rng, 0), v = rng_float(rng, 1);
     const uint32_t x = x0 + (uint32_t)(u * (float)(width < probe->block ? width : probe->block));
     const uint32_t y = y0 + (uint32_t)(v * (float)(height < probe->block ? height : probe->block));
-    for (; pixel->count < probe->counts[index]; ++pixel->count) {
-        if (job_is_cancelled(pass->job))
-            return AMB_CANCELLED;
-        const CameraSample sample = camera_sample(sight->scene, sight->field, sight->camera,
-                                                  sight->x + x, sight->y + y, pixel->count, false);
-        const Rgb radiance = camera_sample_sum(&sample);
-        Rgb *sum = &pixel->sums[pixel->count % 2];
-        if (rgb_is_finite(radiance))
-            *sum = rgb_add(*sum, radiance);
-        if (sample.is_object)
-            probe->shows[index] |= PROBE_OBJECT;
-        if (sample.parts[CAMERA_PART_CAUSTICS] > 0.0f)
-            probe->shows[index] |= PROBE_CAUSTICS;
+    while (pixel->count < probe->counts[index]) {
+        CameraRequest requests[CAMERA_BATCH];
+        CameraSample samples[CAMERA_BATCH];
+        const uint32_t left = probe->counts[index] - pixel->count;
+        const uint32_t count = left < CAMERA_BATCH ? left : CAMERA_BATCH;
+        for (uint32_t i = 0; i < count; ++i)
+            requests[i] = (CameraRequest){sight->x + x, sight->y + y, pixel->count + i, false};
+        AMB_TRY(
+            camera_samples(sight->scene, sight->field, sight->camera, requests, count, samples));
+        for (uint32_t i = 0; i < count; ++i)
+            add_sample(probe, index, &samples[i], pixel);
     }
     return AMB_OK;
 }

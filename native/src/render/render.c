@@ -20,6 +20,7 @@ const char *const STAGE_NAMES[STAGE_COUNT] = {"scene", "light", "field", "camera
 static const float STAGE_BEGIN[STAGE_COUNT + 1] = {0.0f, 0.02f, 0.08f, 0.15f, 1.0f};
 
 enum { TILE = 8, COARSE_STEP = TILE, ROUND_MAX = 16 };
+_Static_assert((int)TILE == 8, "unzip takes three bits of each");
 _Static_assert((int)CAMERA_ORDER_COUNT == (int)FILM_ORDER_COUNT, "a pass for each order");
 _Static_assert((int)CAMERA_PART_COUNT == (int)FILM_PART_COUNT, "a sum for each part");
 _Static_assert((int)CAMERA_PART_CAUSTICS == (int)FILM_PART_CAUSTICS, "film_error.h knows it");
@@ -56,39 +57,25 @@ static bool is_first_half(const AmbRender *render, uint32_t sample) {
     return render->accuracy.target > 0.0f ? sample % 2 == 0 : sample < render->params.samples / 2;
 }
 
-static AmbStatus render_pixel(const Round *round, uint32_t x, uint32_t y, uint32_t count) {
-    AmbRender *render = round->render;
-    const uint64_t pixel = (uint64_t)y * render->film.width + x;
-    const uint32_t first = render->film.pixels[pixel].count;
-    FilmPixel sum = {.count = count};
-    for (uint32_t i = first; i < first + count; ++i) {
-        if (job_is_cancelled(&render->job))
-            return AMB_CANCELLED;
-        /* The first that sees any light speaks for the pixel. */
-        const bool has_frequency = !(sum.contribution > 0.0f);
-        const CameraSample sample =
-            camera_sample(render->scene, round->field, &render->plan.camera, render->crop_x + x,
-                          render->crop_y + y, i, has_frequency);
-        for (int k = 0; k < CAMERA_ORDER_COUNT; ++k)
-            sum.orders[k] = rgb_add(sum.orders[k], sample.orders[k]);
-        sum.surface = rgb_add(sum.surface, sample.surface);
-        for (int k = 0; k < CAMERA_PART_COUNT; ++k)
-            sum.parts[k] += sample.parts[k];
-        sum.alpha += sample.alpha;
-        sum.frequency += sample.frequency;
-        sum.contribution += sample.contribution;
-        sum.object_count += sample.is_object ? 1 : 0;
-        if (is_first_half(render, i)) {
-            sum.half = rgb_add(sum.half, camera_sample_sum(&sample));
-            ++sum.half_count;
-        }
-        if (i == first)
-            sum.depth = sample.depth;
-        if (sample.leak_count > 0)
-            atomic_fetch_add(&render->camera_leak_count, sample.leak_count);
+static void add_sample(AmbRender *render, const CameraSample *sample, uint32_t index, bool is_first,
+                       FilmPixel *sum) {
+    for (int k = 0; k < CAMERA_ORDER_COUNT; ++k)
+        sum->orders[k] = rgb_add(sum->orders[k], sample->orders[k]);
+    sum->surface = rgb_add(sum->surface, sample->surface);
+    for (int k = 0; k < CAMERA_PART_COUNT; ++k)
+        sum->parts[k] += sample->parts[k];
+    sum->alpha += sample->alpha;
+    sum->frequency += sample->frequency;
+    sum->contribution += sample->contribution;
+    sum->object_count += sample->is_object ? 1 : 0;
+    if (is_first_half(render, index)) {
+        sum->half = rgb_add(sum->half, camera_sample_sum(sample));
+        ++sum->half_count;
     }
-    film_add(&render->film, x, y, &sum);
-    return AMB_OK;
+    if (is_first)
+        sum->depth = sample->depth;
+    if (sample->leak_count > 0)
+        atomic_fetch_add(&render->camera_leak_count, sample->leak_count);
 }
 
 static uint32_t samples_to_add(const Round *round, uint32_t x, uint32_t y) {
@@ -101,21 +88,76 @@ static uint32_t samples_to_add(const Round *round, uint32_t x, uint32_t y) {
     return round->total - film->pixels[pixel].count;
 }
 
+/* Of one tile: what is asked for and not yet seen, and the sums so far. */
+typedef struct TileWork {
+    const Round *round;
+    CameraRequest requests[CAMERA_BATCH]; /* in the full image */
+    uint32_t owners[CAMERA_BATCH];        /* their pixels in the tile */
+    uint32_t count;
+    FilmPixel sums[TILE * TILE];
+} TileWork;
+
+static AmbStatus see_requests(TileWork *work) {
+    AmbRender *render = work->round->render;
+    CameraSample samples[CAMERA_BATCH];
+    AMB_TRY(camera_samples(render->scene, work->round->field, &render->plan.camera, work->requests,
+                           work->count, samples));
+    for (uint32_t i = 0; i < work->count; ++i) {
+        FilmPixel *sum = &work->sums[work->owners[i]];
+        add_sample(render, &samples[i], work->requests[i].index, sum->count == 0, sum);
+        ++sum->count;
+    }
+    work->count = 0;
+    return AMB_OK;
+}
+
+static AmbStatus ask_for_pixel(TileWork *work, uint32_t x, uint32_t y, uint32_t owner,
+                               uint32_t count) {
+    const AmbRender *render = work->round->render;
+    const FilmPixel *pixel = &render->film.pixels[(uint64_t)y * render->film.width + x];
+    for (uint32_t i = 0; i < count; ++i) {
+        /* The first that sees any light speaks for the pixel. */
+        const bool is_told = pixel->contribution > 0.0f || work->sums[owner].contribution > 0.0f;
+        work->requests[work->count] =
+            (CameraRequest){render->crop_x + x, render->crop_y + y, pixel->count + i, !is_told};
+        work->owners[work->count++] = owner;
+        if (work->count == CAMERA_BATCH)
+            AMB_TRY(see_requests(work));
+    }
+    return AMB_OK;
+}
+
+/* Every second bit. */
+static uint32_t unzip(uint32_t v) {
+    return (v & 1) | (v >> 1 & 2) | (v >> 2 & 4);
+}
+
+/* Pixels in the order of a quadtree: samples that follow one another are neighbours. */
+static AmbStatus render_tile(const Round *round, uint32_t x0, uint32_t y0, uint64_t *out_samples) {
+    AmbRender *render = round->render;
+    const uint32_t width = render->film.width, height = render->film.height;
+    TileWork work = {.round = round};
+    for (uint32_t i = 0; i < TILE * TILE; ++i) {
+        const uint32_t x = x0 + unzip(i), y = y0 + unzip(i >> 1);
+        const uint32_t count = x < width && y < height ? samples_to_add(round, x, y) : 0;
+        if (count > 0)
+            AMB_TRY(ask_for_pixel(&work, x, y, i, count));
+        *out_samples += count;
+    }
+    AMB_TRY(see_requests(&work));
+    for (uint32_t i = 0; i < TILE * TILE; ++i)
+        if (work.sums[i].count > 0)
+            film_add(&render->film, x0 + unzip(i), y0 + unzip(i >> 1), &work.sums[i]);
+    return AMB_OK;
+}
+
 static AmbStatus render_tiles(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
     (void)thread;
     const Round *round = user;
-    const Film *film = &round->render->film;
     for (uint64_t tile = begin; tile < end; ++tile) {
-        const uint32_t x0 = (uint32_t)(tile % round->tiles_x) * TILE;
-        const uint32_t y0 = (uint32_t)(tile / round->tiles_x) * TILE;
         uint64_t samples = 0;
-        for (uint32_t y = y0; y < y0 + TILE && y < film->height; ++y)
-            for (uint32_t x = x0; x < x0 + TILE && x < film->width; ++x) {
-                const uint32_t count = samples_to_add(round, x, y);
-                if (count > 0)
-                    AMB_TRY(render_pixel(round, x, y, count));
-                samples += count;
-            }
+        AMB_TRY(render_tile(round, (uint32_t)(tile % round->tiles_x) * TILE,
+                            (uint32_t)(tile / round->tiles_x) * TILE, &samples));
         atomic_fetch_add(&round->render->job.work_done, samples);
     }
     return AMB_OK;

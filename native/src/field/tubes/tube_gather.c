@@ -13,15 +13,16 @@
 #endif
 
 enum {
-    NODES = LANE_COUNT / TUBE_LANES, /* looked at together */
+    BOXES = LANE_COUNT / TUBE_LANES, /* of children looked at together */
     HALVES = PATCH_CORNERS / LANE_COUNT,
-    /* Of each level wait, at most, the children of as many nodes as were looked at together. */
-    STACK_MAX = (TUBE_LEVEL_MAX + 1) * NODES * TUBE_LANES
+    /* Of each level wait the children of one node, at most. */
+    STACK_MAX = (TUBE_LEVEL_MAX + 1) * TUBE_LANES
 };
 
-_Static_assert((int)TUBE_LANES == 8, "numbers of children are stored by eight");
-_Static_assert((int)PATCH_CORNERS == 16, "lookups choose among sixteen");
-_Static_assert((int)PATCH_TUBES == 16, "and so do lists of tubes");
+_Static_assert((int)TUBE_LANES == 8, "bits of children are taken by eight");
+_Static_assert((int)PATCH_CORNERS == 16, "bits of corners are words");
+_Static_assert((int)PATCH_TUBES == 16, "and so are those of tubes");
+_Static_assert((int)TUBE_PACKET == (int)PATCH_CORNERS, "rays fill as many vectors as corners");
 
 /* sin^2 between a light line and the camera ray below which they count as parallel: their meeting
  * point is then known to no digit, and a smaller number would overflow. */
@@ -35,7 +36,6 @@ typedef struct Lanes3 {
  * small, and so is what rounding does to distances from it. */
 typedef struct Query {
     Vec3 o, d;
-    float moment[3]; /* o x d */
     float inverse[3];
     float near, far;
     bool has_frequency;
@@ -83,39 +83,43 @@ static inline Lanes abs_lanes(Lanes v) {
     return lanes_max(v, -v);
 }
 
-/* Children of a node that the line of the ray meets, above which places are looked at, too. */
+/* Children of a node that the line of the ray meets, above which places are looked at, too: where
+ * view and light are not near each other lines alone tell nearly all. */
 enum { MANY_LINES = 4 };
+/* So many rays are faster one after the other, through all children at once. */
+enum { FEW_RAYS = 3 };
 
-/* Bit i is set where the segment may meet light of child i of node a, bit 8 + i of node b. */
-static inline uint32_t children_hit(const TubeNode *a, const TubeNode *b, const Query *q) {
-    const float line[6] = {q->d.x, q->d.y, q->d.z, q->moment[0], q->moment[1], q->moment[2]};
+static inline LaneMask meets(Lanes middle, Lanes reach) {
+    return abs_lanes(middle) <= reach;
+}
+
+/* Bit i is set where the line may meet light of child i. */
+static inline uint32_t lines_hit(const TubeNode *node, const float line[LINE_AXES]) {
     Lanes middle = lanes_set(0.0f), reach = lanes_set(0.0f);
-    for (int i = 0; i < 6; ++i) {
-        middle += line[i] * lanes_load_two(a->middle[i], b->middle[i]);
-        reach += fabsf(line[i]) * lanes_load_two(a->extent[i], b->extent[i]);
+    for (int a = 0; a < LINE_AXES; ++a) {
+        middle += line[a] * lanes_load_two(node->middle[a], node->middle[a]);
+        reach += fabsf(line[a]) * lanes_load_two(node->extent[a], node->extent[a]);
     }
-    LaneMask lines = abs_lanes(middle) <= reach;
-    if (lanes_bits(lines) == 0)
-        return 0;
-    /* Where view and light are not near each other lines alone tell nearly all. */
-    if (__builtin_popcount(lanes_bits(lines)) <= NODES * MANY_LINES)
-        return lanes_bits(lines);
-    LaneMask places = lines ^ lines;
-    for (int k = 0; k < TUBE_QUARTERS; ++k) {
+    return lanes_bits(meets(middle, reach)) & 0xFFu;
+}
+
+/* Of those children, the ones whose light may meet the segment. */
+static inline uint32_t places_hit(const TubeNode *node, const Query *q, uint32_t lines) {
+    uint32_t places = 0;
+    const float o[3] = {q->o.x, q->o.y, q->o.z};
+    for (int k = 0; k < TUBE_QUARTERS && (lines & ~places) != 0; k += BOXES) {
         Lanes near = lanes_set(q->near), far = lanes_set(q->far);
-        const float o[3] = {q->o.x, q->o.y, q->o.z};
-        for (int i = 0; i < 3; ++i) {
-            const Lanes low = lanes_load_two(a->low[k][i], b->low[k][i]);
-            const Lanes high = lanes_load_two(a->high[k][i], b->high[k][i]);
-            const Lanes t0 = (low - o[i]) * q->inverse[i], t1 = (high - o[i]) * q->inverse[i];
+        for (int a = 0; a < 3; ++a) {
+            const Lanes low = lanes_load_two(node->low[k][a], node->low[k + BOXES - 1][a]);
+            const Lanes high = lanes_load_two(node->high[k][a], node->high[k + BOXES - 1][a]);
+            const Lanes t0 = (low - o[a]) * q->inverse[a], t1 = (high - o[a]) * q->inverse[a];
             near = lanes_max(near, lanes_min(t0, t1));
             far = lanes_min(far, lanes_max(t0, t1));
         }
-        places |= near <= far;
-        if (lanes_bits(lines & ~places) == 0)
-            break;
+        const uint32_t bits = lanes_bits(near <= far);
+        places |= (bits | bits >> TUBE_LANES) & 0xFFu;
     }
-    return lanes_bits(lines & places);
+    return lines & places;
 }
 
 /* A line from + s w (w about unit, from relative to the camera ray's o) and the place where it
@@ -157,22 +161,24 @@ static inline void clip(const Lanes a[CLIP_COUNT], const Lanes b[CLIP_COUNT], La
 
 /* The way of light and view through the medium along a stretch of a chord. */
 typedef struct Way {
-    Lanes middle, near; /* m, in the middle and at the end where it is shorter */
-    Lanes change;       /* m, from one end to the other */
-    Lanes ratio;        /* of `over` (see Meeting) at the near end to that at the far one */
+    Lanes middle; /* m, in the middle */
+    Lanes change; /* m, from one end to the other */
+    /* Where the light is thick: */
+    Lanes near;  /* m, at the end where it is shorter */
+    Lanes ratio; /* of `over` (see Meeting) at the near end to that at the far one */
 } Way;
 
 /* Mean of exp(-sigma_t way) over the stretch. Thin: the value in the middle times sinh(y)/y, y =
  * sigma_t change / 2. Thick: the light is gone in the middle, and what counts is the near end. From
  * there, places on the chord follow the part u of the way as q = r u / (1 - u + r u), r the ratio,
  * since way is a quotient of linear functions; dq/du is taken in the middle of what fades. */
-static inline Lanes fade_along(float sigma_t, const Way *way) {
+static inline Lanes fade_along(float sigma_t, const Way *way, bool may_be_thick) {
     const Lanes y = (0.5f * sigma_t) * abs_lanes(way->change);
     const Lanes y2 = y * y;
     const Lanes thin = lanes_exp_negative(-sigma_t * way->middle) *
                        (1.0f + y2 * (1.0f / 6.0f + y2 * (1.0f / 120.0f + y2 * (1.0f / 5040.0f))));
     const LaneMask is_thick = y > 1.0f;
-    if (lanes_bits(is_thick) == 0)
+    if (!may_be_thick || lanes_bits(is_thick) == 0)
         return thin;
     const Lanes twice = 2.0f * lanes_max(y, lanes_set(1.0f));
     const Lanes left = lanes_exp_negative(-twice), lost = 1.0f - left;
@@ -195,22 +201,20 @@ typedef struct Tubes {
 /* Tubes wait for others, because vectors are best full. */
 enum {
     QUEUE_FULL = 32,
-    CROSSED_ROOM = QUEUE_FULL + PATCH_TUBES + LANE_COUNT, /* one patch more, written by vectors */
-    /* One patch more, then what quartering adds to each level (see empty_queues), and the next four
-     * parts as they are written. */
-    LOOSE_ROOM = QUEUE_FULL + PATCH_TUBES + 3 * LANE_COUNT * 10 + 5 * LANE_COUNT
+    WAITING_ROOM = QUEUE_FULL + PATCH_TUBES + LANE_COUNT, /* one patch more, written by vectors */
+    /* Those that wait for one ray, then what quartering adds to each level (see empty_queues), and
+     * the next four parts as they are written. */
+    LOOSE_ROOM = QUEUE_FULL + 2 * PATCH_TUBES + 3 * LANE_COUNT * 10 + 5 * LANE_COUNT
 };
 /* Rows must not displace each other from the cache. */
 _Static_assert(LOOSE_ROOM % 256 != 0, "rows lie a power of two apart");
 
-/* Tubes of patches that the zero curve crosses: their patches, the numbers of their corners there,
- * four bits each, and f at them. */
-typedef struct CrossedQueue {
-    uint32_t patches[CROSSED_ROOM];
-    uint32_t corners[CROSSED_ROOM];
-    float f[3][CROSSED_ROOM];
+/* Tubes of patches, for one ray: the patches, and the tubes' codes there. */
+typedef struct Waiting {
+    uint32_t patches[WAITING_ROOM];
+    uint32_t codes[WAITING_ROOM];
     uint32_t count;
-} CrossedQueue;
+} Waiting;
 
 /* Tubes by themselves. */
 typedef struct LooseQueue {
@@ -219,10 +223,23 @@ typedef struct LooseQueue {
 } LooseQueue;
 
 typedef struct Queues {
-    CrossedQueue crossed;
-    LooseQueue parts; /* crossed in the same sense, parts of quartered ones */
+    LooseQueue parts; /* crossed, parts of quartered ones */
     LooseQueue bent;  /* to be looked at more closely */
 } Queues;
+
+/* Rays that go through the tree together. What one of them finds, and in which order, depends on
+ * that ray alone. */
+typedef struct Packet {
+    _Alignas(64) float axes[LINE_AXES][TUBE_PACKET]; /* d and o x d, side by side */
+    float o[3][TUBE_PACKET];
+    float line[TUBE_PACKET][LINE_AXES]; /* the same, ray by ray */
+    Query queries[TUBE_PACKET];
+    Sums sums[TUBE_PACKET];
+    Waiting touched[TUBE_PACKET]; /* the zero curve may touch them */
+    Waiting bent[TUBE_PACKET];    /* it does, and they must be looked at more closely */
+    uint32_t count;
+    uint32_t parallel; /* bits: all light of a tube runs along the ray, which meets it everywhere */
+} Packet;
 
 /* How often a tube is quartered at most: the gain of each level is a quarter of the last one's. */
 enum { LEVEL_MAX = 7, TURN_LEVEL_MAX = 10 };
@@ -282,9 +299,14 @@ static inline void load_corners(const TubeTree *tree, LaneMask patches, LaneMask
         from[i] = (const float *)tree->patches + (size_t)row[i] * CORNER_SIZE;
     lanes_load_rows(from, rows);
     rows[ROW_START] = lanes_set(0.0f);
-    if (tree->light.value == TUBE_VALUE_IS_FLUX) /* reflected: there is a way before */
+    if (tree->light.value == TUBE_VALUE_IS_FLUX) { /* reflected: there is a way before */
+        uint32_t patch[LANE_COUNT], corner[LANE_COUNT];
+        memcpy(patch, &patches, sizeof patch);
+        memcpy(corner, &corners, sizeof corner);
+        __asm__("" : "+m"(patch), "+m"(corner));
         for (int i = 0; i < LANE_COUNT; ++i)
-            rows[ROW_START][i] = tree->patches[patches[i]].starts[corners[i]];
+            rows[ROW_START][i] = tree->patches[patch[i]].starts[corner[i]];
+    }
     rows[ROW_NORMAL_LENGTH] = lanes_set(1.0f);
 }
 
@@ -319,11 +341,15 @@ static inline Odd odd_corner(const Lanes f[3]) {
     return (Odd){(p0 != p1) & (p0 != p2), (p1 != p2) & (p1 != p0)};
 }
 
-/* The value of corner k, counted from the odd one. */
-static inline Lanes turn(const Odd *odd, int k, Lanes v0, Lanes v1, Lanes v2) {
-    const Lanes v[3] = {v0, v1, v2};
-    return lanes_select(odd->is_first, v[k],
-                        lanes_select(odd->is_second, v[(k + 1) % 3], v[(k + 2) % 3]));
+/* Values at the corners, that of the odd one first. */
+typedef struct Turned {
+    Lanes v, b, c;
+} Turned;
+
+static inline Turned turn(const Odd *odd, Lanes v0, Lanes v1, Lanes v2) {
+    const Lanes later = lanes_select(odd->is_second, v1, v2);
+    return (Turned){lanes_select(odd->is_first, v0, later), lanes_select(odd->is_first, v1, v0),
+                    lanes_select(odd->is_first | odd->is_second, v2, v1)};
 }
 
 static inline LaneMask load_numbers(const uint32_t numbers[LANE_COUNT]) {
@@ -332,52 +358,30 @@ static inline LaneMask load_numbers(const uint32_t numbers[LANE_COUNT]) {
     return lanes;
 }
 
-/* From the end of the queue, a vector or what there is, odd corners first; f of other lanes is
- * zero. */
-static inline void take_crossed(const TubeTree *tree, CrossedQueue *queue, Tubes *out) {
-    const uint32_t count = queue->count < LANE_COUNT ? queue->count : LANE_COUNT;
-    queue->count -= count;
+/* Corners of the last tubes of a list, a vector or what there is, and what they are; the count.
+ * f is not set. */
+static inline uint32_t take_waiting(const TubeTree *tree, Waiting *list, Tubes *out,
+                                    LaneMask *out_patches, LaneMask *out_codes) {
+    const uint32_t count = list->count < LANE_COUNT ? list->count : LANE_COUNT;
+    list->count -= count;
     const LaneMask is_there = lanes_below(count);
-    const LaneMask patches = load_numbers(queue->patches + queue->count) & is_there;
-    const LaneMask packed = load_numbers(queue->corners + queue->count) & is_there;
-    Lanes f[3];
+    const LaneMask patches = load_numbers(list->patches + list->count) & is_there;
+    const LaneMask codes = load_numbers(list->codes + list->count) & is_there;
     for (int k = 0; k < 3; ++k)
-        f[k] = (Lanes)((LaneMask)lanes_load(queue->f[k] + queue->count) & is_there);
-    const Odd odd = odd_corner(f);
-    const Lanes corners[3] = {(Lanes)(packed & 15), (Lanes)(packed >> 4 & 15),
-                              (Lanes)(packed >> 8)};
-#pragma GCC unroll 3
-    for (int k = 0; k < 3; ++k) {
-        const Lanes corner = turn(&odd, k, corners[0], corners[1], corners[2]);
-        load_corners(tree, patches, (LaneMask)corner, out->rows[k]);
-        out->f[k] = turn(&odd, k, f[0], f[1], f[2]);
-    }
+        load_corners(tree, patches, codes >> (4 * k) & 15, out->rows[k]);
+    out->level = lanes_set(0.0f);
+    *out_patches = patches;
+    *out_codes = codes;
+    return count;
 }
 
-/* Puts the odd corner first. */
-static inline void turn_tubes(const Tubes *tubes, Tubes *out) {
-    const Odd odd = odd_corner(tubes->f);
-    for (int k = 0; k < 3; ++k) {
-        for (int r = 0; r < CORNER_ROWS; ++r)
-            out->rows[k][r] =
-                turn(&odd, k, tubes->rows[0][r], tubes->rows[1][r], tubes->rows[2][r]);
-        out->f[k] = turn(&odd, k, tubes->f[0], tubes->f[1], tubes->f[2]);
-    }
-    out->level = tubes->level;
+/* Adds those of a patch whose bits are set. */
+static inline void add_waiting(Waiting *list, LaneMask patches, LaneMask codes, uint32_t bits) {
+    const LanePack pack = lanes_pack_for(bits);
+    memcpy(list->patches + list->count, &patches, sizeof patches);
+    lanes_pack_numbers(list->codes + list->count, codes, &pack);
+    list->count += (uint32_t)__builtin_popcount(bits);
 }
-
-/* Patches that the segment may meet, and those of them with tubes that the curve may touch. What
- * is found next depends on no branch: a wrong guess would cost more than the work. */
-enum { PATCHES_FULL = 64, PATCHES_ROOM = PATCHES_FULL + (NODES + 1) * TUBE_LANES };
-typedef struct Patches {
-    uint32_t found[PATCHES_ROOM], found_count;
-    uint32_t touched[PATCHES_ROOM], touched_count;
-    uint32_t tubes[PATCHES_ROOM];         /* of those touched, bits */
-    float reaches[PATCHES_ROOM];          /* m, from the ray to their farthest corner, at most */
-    float f[PATCHES_ROOM][PATCH_CORNERS]; /* at their corners */
-    bool may_turn[PATCHES_ROOM];          /* see may_turn */
-    bool is_parallel; /* all light of a tube runs along the ray, which meets it everywhere */
-} Patches;
 
 /* Sine between light and view below which single precision does not tell where they meet, and the
  * angle by which the view is then turned: less than a pixel. */
@@ -389,13 +393,10 @@ static const float NUDGE = 2e-4f;
  * small part of a tube, and what is linear over all of the tube is not good enough. */
 static const float TURN_SPREADS = 2.0f;
 
-/* f at the corners of a patch whose light runs nearly along the ray, whether it may turn over, and
- * whether all light of a tube is parallel to the ray. */
-static inline void near_parallel_f(const TubePatch *patch, const Query *q, Lanes out[HALVES],
-                                   bool *out_may_turn, bool *is_parallel) {
+/* f at the corners of a patch whose light runs nearly along the ray; whether all light of a tube is
+ * parallel to it. */
+static inline bool near_parallel_f(const TubePatch *patch, const Query *q, Lanes out[HALVES]) {
     const Lanes3 d = set3(q->d), o = set3(q->o);
-    const Vec3 first = vec3_from(patch->corners[0] + CORNER_W);
-    Lanes least = lanes_set(1.0f), most = lanes_set(0.0f);
     uint32_t parallel = 0;
     for (int h = 0; h < HALVES; ++h) {
         Lanes rows[CORNER_SIZE];
@@ -406,111 +407,66 @@ static inline void near_parallel_f(const TubePatch *patch, const Query *q, Lanes
         const Lanes3 x = {rows[CORNER_X], rows[CORNER_X + 1], rows[CORNER_X + 2]};
         const Lanes3 w = {rows[CORNER_W], rows[CORNER_W + 1], rows[CORNER_W + 2]};
         out[h] = line_f(cross3(d, sub3(x, o)), w, d);
-        const Lanes3 across = cross3(d, w), change = sub3(w, set3(first));
-        const Lanes sin2 = dot3(across, across);
-        const LaneMask is_corner = dot3(w, w) > 0.0f;
-        least = lanes_select(is_corner, lanes_min(least, sin2), least);
-        most = lanes_select(is_corner, lanes_max(most, dot3(change, change)), most);
-        parallel |= lanes_bits((sin2 < PARALLEL_SINE * PARALLEL_SINE) & is_corner)
-                    << (h * LANE_COUNT);
+        const Lanes3 across = cross3(d, w);
+        parallel |=
+            lanes_bits((dot3(across, across) < PARALLEL_SINE * PARALLEL_SINE) & (dot3(w, w) > 0.0f))
+            << (h * LANE_COUNT);
     }
-    float sin2 = 1.0f, spread2 = 0.0f;
-    for (int i = 0; i < LANE_COUNT; ++i) {
-        sin2 = fminf(sin2, least[i]);
-        spread2 = fmaxf(spread2, most[i]);
-    }
-    *out_may_turn = sin2 < TURN_SPREADS * TURN_SPREADS * spread2;
     for (int k = 0; k < PATCH_TUBES && parallel != 0; ++k)
         if (patch->masks[k] != 0 && (patch->masks[k] & ~parallel) == 0)
-            *is_parallel = true;
+            return true;
+    return false;
 }
 
 /* Cosine between light and ray beyond which f is a difference of large numbers in Pluecker
  * coordinates. */
 static const float PARALLEL_COS = 0.98f;
 
-/* Keeps of the patches found those that are touched. */
-static inline void touch_patches(const TubeTree *tree, const Query *q, Patches *patches) {
-    const float line[LINE_AXES] = {q->d.x,       q->d.y,       q->d.z,
-                                   q->moment[0], q->moment[1], q->moment[2]};
-    uint32_t touched = 0;
-    for (uint32_t i = 0; i < patches->found_count; ++i) {
-        /* Set by lanes_store_numbers, for as many as are counted. */
-        const uint32_t p = patches->found[i]; /* NOLINT(clang-analyzer-core.*) */
-        const TubePatch *patch = &tree->patches[p];
+/* Adds to the lists of the rays the tubes of a patch that the zero curve may touch. */
+static inline void touch_patch(const TubeTree *tree, uint32_t p, uint32_t rays, Packet *packet) {
+    const TubePatch *patch = &tree->patches[p];
+    float margins[TUBE_PACKET];
+    uint32_t near_parallel = 0;
+    for (uint32_t i = 0; i < packet->count; i += LANE_COUNT) {
+        const Lanes3 d = {lanes_load(packet->axes[0] + i), lanes_load(packet->axes[1] + i),
+                          lanes_load(packet->axes[2] + i)};
+        const Lanes3 o = {lanes_load(packet->o[0] + i), lanes_load(packet->o[1] + i),
+                          lanes_load(packet->o[2] + i)};
+        const Lanes3 w = set3(vec3(patch->lines[3][0], patch->lines[4][0], patch->lines[5][0]));
+        near_parallel |= lanes_bits(abs_lanes(dot3(w, d)) > PARALLEL_COS) << i;
+        /* No corner is farther from the ray. */
+        const Lanes3 across = cross3(sub3(set3(patch->center), o), d);
+        const Lanes reach = lanes_sqrt(dot3(across, across)) + patch->radius;
+        lanes_store(margins + i, (patch->bulge + tree->blur) * reach + tree->slack);
+    }
+    LaneMask codes[HALVES];
+    for (int h = 0; h < HALVES; ++h)
+        codes[h] = load_numbers(patch->codes + h * LANE_COUNT);
+    const LaneMask patches = codes[0] * 0 + (int32_t)p;
+    for (; rays != 0; rays &= rays - 1) {
+        const uint32_t r = (uint32_t)__builtin_ctz(rays);
         Lanes values[HALVES];
-        patches->may_turn[touched] = false;
-        if (fabsf(vec3_dot(vec3_from(patch->corners[0] + CORNER_W), q->d)) > PARALLEL_COS) {
-            near_parallel_f(patch, q, values, &patches->may_turn[touched], &patches->is_parallel);
+        if ((near_parallel >> r & 1u) != 0) {
+            if (near_parallel_f(patch, &packet->queries[r], values))
+                packet->parallel |= 1u << r;
         } else {
+            const float *line = packet->line[r];
             for (int h = 0; h < HALVES; ++h) {
                 values[h] = lanes_set(0.0f);
                 for (int a = 0; a < LINE_AXES; ++a)
                     values[h] += line[a] * lanes_load(patch->lines[a] + h * LANE_COUNT);
             }
         }
-        /* No corner is farther from the ray. */
-        const float reach =
-            vec3_length(vec3_cross(vec3_sub(patch->center, q->o), q->d)) + patch->radius;
-        const float margin = (patch->bulge + patch->blur) * reach;
+        const float margin = margins[r];
         uint32_t above = 0, below = 0;
         for (int h = 0; h < HALVES; ++h) {
-            lanes_store(patches->f[touched] + h * LANE_COUNT, values[h]);
             above |= lanes_bits(values[h] > -margin) << (h * LANE_COUNT);
             below |= lanes_bits(values[h] < margin) << (h * LANE_COUNT);
         }
         const uint32_t tubes = words_meeting(patch->masks, above, below);
-        patches->touched[touched] = p;
-        patches->tubes[touched] = tubes;
-        patches->reaches[touched] = reach;
-        touched += tubes != 0;
-    }
-    patches->touched_count = touched;
-    patches->found_count = 0;
-}
-
-/* Adds the tubes of a touched patch that the zero curve crosses, and those that it may touch. */
-static inline void find_crossings(const TubeTree *tree, uint32_t p, uint32_t tubes, float reach,
-                                  const float f[PATCH_CORNERS], bool may_turn, Queues *queues) {
-    const TubePatch *patch = &tree->patches[p];
-    const float blur = patch->blur * reach; /* f is averaged over so much to either side, at most */
-    const BitList list = list_bits(tubes);
-    const uint32_t count = (uint32_t)__builtin_popcount(tubes);
-    for (uint32_t i = 0; i < count; i += LANE_COUNT) {
-        const uint32_t all = list_lanes(&list, count, i);
-        const LaneMask pairs = list_lookup(&list, i, patch->pairs);
-        const LaneMask thirds = list_lookup(&list, i, patch->thirds);
-        const Lanes g[3] = {lanes_lookup(f, pairs), lanes_lookup(f, pairs >> 4),
-                            lanes_lookup(f, thirds)};
-        const Lanes low = min_of(g), high = max_of(g);
-        const LaneMask bulges = list_lookup(&list, i, patch->bulges);
-        const Lanes margin =
-            (patch->bulge * reach / 255.0f) * __builtin_convertvector(bulges, Lanes);
-        const Lanes bend_max =
-            may_turn ? lanes_set(0.0f) : (BULGE * tree->bend_max) * (high - low + blur);
-        const LaneMask is_bent =
-            (margin > bend_max) & (low < margin + blur) & (high > -margin - blur);
-        const uint32_t bent = lanes_bits(is_bent) & all;
-        const uint32_t crossed = lanes_bits((low <= blur) & (high > -blur)) & all & ~bent;
-        const LanePack pack = lanes_pack_for(crossed);
-        CrossedQueue *queue = &queues->crossed;
-        const uint32_t end = queue->count;
-        const LaneMask patches = pairs * 0 + (int32_t)p;
-        memcpy(queue->patches + end, &patches, sizeof patches);
-        lanes_pack_numbers(queue->corners + end, pairs | thirds << 8, &pack);
-        for (int k = 0; k < 3; ++k)
-            lanes_pack(queue->f[k] + end, g[k], &pack);
-        queue->count = end + (uint32_t)__builtin_popcount(crossed);
-        if (bent != 0) {
-            Tubes loose;
-            loose.level = lanes_set(0.0f);
-            const LaneMask corner[3] = {pairs & 15, pairs >> 4, thirds};
-            for (int k = 0; k < 3; ++k) {
-                loose.f[k] = g[k];
-                load_corners(tree, patches, corner[k], loose.rows[k]);
-            }
-            add_loose(&loose, bent, &queues->bent);
-        }
+        for (int h = 0; h < HALVES; ++h)
+            add_waiting(&packet->touched[r], patches, codes[h],
+                        tubes >> (h * LANE_COUNT) & LANES_ALL);
     }
 }
 
@@ -549,31 +505,11 @@ static inline Lanes frequency_of(const Tubes *tubes, Lanes3 area, Lanes3 w, Lane
     return begin / lanes_max(begin + here, lanes_set(1e-30f));
 }
 
-/* Between the first corner and corner k, at part q of the way. */
-static inline Lanes between(const Tubes *tubes, int r, int k, Lanes q) {
-    const Lanes v = tubes->rows[0][r];
-    return v + q * (tubes->rows[k][r] - v);
-}
-
-static inline Lanes3 between3(const Tubes *tubes, int r, int k, Lanes q) {
-    return (Lanes3){between(tubes, r, k, q), between(tubes, r + 1, k, q),
-                    between(tubes, r + 2, k, q)};
-}
-
 /* An end of a chord: its light line and what the tube has there. */
 typedef struct End {
     Lanes3 from, w; /* from the camera ray's o */
     Lanes value, limit, start;
 } End;
-
-/* On the edge from the first corner to corner k, at part q of the way. */
-static inline End end_on_edge(const Tubes *tubes, int k, Lanes q, Lanes3 o) {
-    return (End){.from = sub3(between3(tubes, CORNER_X, k, q), o),
-                 .w = between3(tubes, CORNER_W, k, q),
-                 .value = between(tubes, CORNER_VALUE, k, q),
-                 .limit = between(tubes, CORNER_LIMIT, k, q),
-                 .start = between(tubes, ROW_START, k, q)};
-}
 
 static inline Lanes lerp(Lanes a, Lanes b, Lanes q) {
     return a + q * (b - a);
@@ -635,14 +571,19 @@ static inline void gather_chord(const ChordGather *gather, const End *b, const E
     const Lanes path_b = meet_b.along + meet_b.depth, path_c = meet_c.along + meet_c.depth;
     const Lanes over0 = lerp(meet_b.over, meet_c.over, q0);
     const Lanes over1 = lerp(meet_b.over, meet_c.over, q1);
-    const Lanes way0 = lerp(path_b, path_c, q0) / over0 + lerp(b->start, c->start, q0);
-    const Lanes way1 = lerp(path_b, path_c, q1) / over1 + lerp(b->start, c->start, q1);
-    const LaneMask is_rising = way0 < way1;
-    const Way way = {.middle = s * unit + t + middle.start,
-                     .near = lanes_max(lanes_min(way0, way1) - q->near, zero),
-                     .change = way1 - way0,
-                     .ratio = lanes_select(is_rising, over0, over1) /
-                              lanes_select(is_rising, over1, over0)};
+    const Lanes path0 = lerp(path_b, path_c, q0), path1 = lerp(path_b, path_c, q1);
+    const Lanes start0 = lerp(b->start, c->start, q0), start1 = lerp(b->start, c->start, q1);
+    Way way = {.middle = s * unit + t + middle.start,
+               .change = (path1 * over0 - path0 * over1) / (over0 * over1) + (start1 - start0)};
+    const bool may_be_thick =
+        lanes_bits((0.5f * rgb_max(gather->medium->sigma_t)) * abs_lanes(way.change) > 1.0f) != 0;
+    if (may_be_thick) {
+        const Lanes way0 = path0 / over0 + start0, way1 = path1 / over1 + start1;
+        const LaneMask is_rising = way0 < way1;
+        way.change = way1 - way0;
+        way.near = lanes_max(lanes_min(way0, way1) - q->near, zero);
+        way.ratio = lanes_select(is_rising, over0, over1) / lanes_select(is_rising, over1, over0);
+    }
 
     const Medium *medium = gather->medium;
     const TubeLight *light = gather->light;
@@ -655,7 +596,7 @@ static inline void gather_chord(const ChordGather *gather, const End *b, const E
     const float color[3] = {light->color.r, light->color.g, light->color.b};
     Lanes total = zero;
     for (int k = 0; k < 3; ++k) {
-        const Lanes fade = fade_along(sigma_t[k], &way);
+        const Lanes fade = fade_along(sigma_t[k], &way, may_be_thick);
         const Lanes arrives = lanes_select(is_hit, value * color[k] * scatter[k] * fade, zero);
         gather->sums->radiance[k] += arrives;
         total += arrives;
@@ -696,21 +637,46 @@ static inline void gather_turning(const ChordGather *gather, const End *b, const
     }
 }
 
+/* The ends of the chord, on the edges from the odd corner, at parts cut_b and cut_c of them. */
+static inline void chord_ends(const Tubes *tubes, const Odd *odd, Lanes cut_b, Lanes cut_c,
+                              bool has_start, Lanes3 o, End *b, End *c) {
+    Lanes *const ends[2][CORNER_SIZE] = {
+        {&b->from.x, &b->from.y, &b->from.z, &b->w.x, &b->w.y, &b->w.z, &b->value, &b->limit},
+        {&c->from.x, &c->from.y, &c->from.z, &c->w.x, &c->w.y, &c->w.z, &c->value, &c->limit}};
+#pragma GCC unroll 8
+    for (int r = 0; r < CORNER_SIZE; ++r) {
+        const Turned t = turn(odd, tubes->rows[0][r], tubes->rows[1][r], tubes->rows[2][r]);
+        *ends[0][r] = t.v + cut_b * (t.b - t.v);
+        *ends[1][r] = t.v + cut_c * (t.c - t.v);
+    }
+    b->from = sub3(b->from, o);
+    c->from = sub3(c->from, o);
+    b->start = c->start = lanes_set(0.0f);
+    if (has_start) {
+        const Turned t = turn(odd, tubes->rows[0][ROW_START], tubes->rows[1][ROW_START],
+                              tubes->rows[2][ROW_START]);
+        b->start = t.v + cut_b * (t.b - t.v);
+        c->start = t.v + cut_c * (t.c - t.v);
+    }
+}
+
 /* Adds what tubes that are crossed send along the segment. A lane whose f does not
  * change its sign counts for nothing. */
 static inline void gather_tubes(const Tubes *tubes, const Lanes *soft, const TubeLight *light,
                                 const Medium *medium, const Query *q, Sums *sums) {
     const Lanes one = lanes_set(1.0f), half = lanes_set(0.5f);
     const Lanes3 d = set3(q->d), o = set3(q->o);
-    const Lanes f = tubes->f[0];
-    const LaneMask is_hit = (f > 0.0f) != (tubes->f[1] > 0.0f);
-    const Lanes gap_b = lanes_select(is_hit, f - tubes->f[1], one);
-    const Lanes gap_c = lanes_select(is_hit, f - tubes->f[2], one);
-    /* Where the zero curve enters the triangle and where it leaves, on the edges from the first
+    const Odd odd = odd_corner(tubes->f);
+    const Turned f = turn(&odd, tubes->f[0], tubes->f[1], tubes->f[2]);
+    const LaneMask is_hit = (f.v > 0.0f) != (f.b > 0.0f);
+    const Lanes gap_b = lanes_select(is_hit, f.v - f.b, one);
+    const Lanes gap_c = lanes_select(is_hit, f.v - f.c, one);
+    /* Where the zero curve enters the triangle and where it leaves, on the edges from the odd
      * corner. */
-    const Lanes cut_b = f / gap_b, cut_c = f / gap_c;
+    const Lanes cut_b = f.v / gap_b, cut_c = f.v / gap_c;
     const Lanes density = soft != NULL ? *soft : 2.0f * cut_b / abs_lanes(gap_c);
-    const End b = end_on_edge(tubes, 1, cut_b, o), c = end_on_edge(tubes, 2, cut_c, o);
+    End b, c;
+    chord_ends(tubes, &odd, cut_b, cut_c, light->value == TUBE_VALUE_IS_FLUX, o, &b, &c);
     const ChordGather gather = {tubes, light, medium, q, sums};
     const Lanes3 n = cross3(d, lerp3(b.w, c.w, half)), turned = cross3(n, d);
     const Lanes over_b = dot3(b.w, turned), over_c = dot3(c.w, turned);
@@ -816,7 +782,7 @@ static inline Lanes way_in_sight(const Tubes *tubes, const Query *q, Lanes3 w, f
 /* Averages delta(f) over a source with an extent. Where the source moves, f moves along by as much
  * as w does, so delta becomes a box of the half width that gives the same variance, and its mean
  * over a triangle a difference of areas. Everything else is taken on the chord in the middle of
- * what is covered, on which f becomes zero; turns the tubes for it. */
+ * what is covered, on which f becomes zero. */
 static inline Lanes soften_tubes(Tubes *tubes, const TubeLight *light, const Query *q,
                                  float sigma_t) {
     const Lanes third = lanes_set(1.0f / 3.0f), zero = lanes_set(0.0f);
@@ -857,11 +823,11 @@ static inline Lanes soften_tubes(Tubes *tubes, const TubeLight *light, const Que
     const Lanes level = lanes_select(is_sharp, zero, 0.5f * (bottom + top));
     for (int k = 0; k < 3; ++k)
         tubes->f[k] -= level;
-    const Tubes before = *tubes;
-    turn_tubes(&before, tubes);
+    const Odd odd = odd_corner(tubes->f);
+    const Turned f = turn(&odd, tubes->f[0], tubes->f[1], tubes->f[2]);
     const Lanes tiny = lanes_set(1e-30f);
-    const Lanes gaps = (tubes->f[0] - tubes->f[1]) * (tubes->f[0] - tubes->f[2]);
-    const Lanes sharp = 2.0f * abs_lanes(tubes->f[0]) / lanes_max(abs_lanes(gaps), tiny);
+    const Lanes gaps = (f.v - f.b) * (f.v - f.c);
+    const Lanes sharp = 2.0f * abs_lanes(f.v) / lanes_max(abs_lanes(gaps), tiny);
     return lanes_select(is_sharp, sharp, covered / lanes_max(2.0f * half, tiny));
 }
 
@@ -910,7 +876,7 @@ static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTr
     Lanes3 normal[3];
     Aside aside[6];
     Lanes size2 = lanes_set(0.0f), spread2 = lanes_set(0.0f), limit = lanes_set(0.0f);
-    Lanes sine = lanes_set(1.0f), blur = lanes_set(0.0f); /* blur: as in find_crossings */
+    Lanes sine = lanes_set(1.0f), blur = lanes_set(0.0f); /* blur: as in gather_touched */
     for (int k = 0; k < 3; ++k) {
         const Lanes3 x = row3(tubes, k, CORNER_X), w = row3(tubes, k, CORNER_W);
         const Lanes3 edge = sub3(row3(tubes, (k + 1) % 3, CORNER_X), x);
@@ -956,11 +922,8 @@ static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTr
     const LaneMask turns = sine < TURN_SPREADS * spread;
     const LaneMask is_straight = (bend <= tree->bend_max * (high - low + blur)) & ~turns;
     const uint32_t crossed = lanes_bits(is_straight & (low <= blur) & (high > -blur)) & all;
-    Tubes turned;
-    if (crossed != 0) {
-        turn_tubes(tubes, &turned);
-        add_loose(&turned, crossed, &queues->parts);
-    }
+    if (crossed != 0)
+        add_loose(tubes, crossed, &queues->parts);
     const LaneMask is_split =
         ~is_straight & (low <= BULGE * bend + blur) & (high >= -BULGE * bend - blur);
     if ((lanes_bits(is_split) & all) == 0)
@@ -986,130 +949,267 @@ static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTr
         const LaneMask is_crossed = (bottom <= blur) & (top > -blur) & ~is_bent & arrives;
         const uint32_t bent = lanes_bits(is_split & is_bent) & all;
         const uint32_t whole = lanes_bits(is_split & is_crossed) & all;
-        if (whole != 0) {
-            turn_tubes(&part, &turned);
-            add_loose(&turned, whole, &queues->parts);
-        }
+        if (whole != 0)
+            add_loose(&part, whole, &queues->parts);
         if (bent != 0)
             add_loose(&part, bent, &queues->bent);
     }
 }
 
-/* Takes what waits by vectors, or all that there is. Bent tubes are quartered last in, first out,
- * so that few wait: each level leaves at most three quarters of the parts of one vector behind. */
+/* Takes all that there is, by vectors as long as they are full. Bent tubes are quartered last in,
+ * first out, so that few wait: each level leaves at most three quarters of the parts of one vector
+ * behind. */
 static inline void empty_queues(const TubeTree *tree, const Medium *medium, const Query *q,
-                                Queues *queues, bool is_last, Sums *sums) {
-    const uint32_t least = is_last ? 1 : LANE_COUNT;
+                                Queues *queues, Sums *sums) {
     Tubes tubes;
-    while (queues->crossed.count >= least) {
-        take_crossed(tree, &queues->crossed, &tubes);
-        gather_crossed(&tubes, tree, medium, q, sums);
-    }
-    while (queues->bent.count >= least || queues->parts.count >= least) {
+    while (queues->bent.count > 0 || queues->parts.count > 0) {
         while (queues->parts.count >= LANE_COUNT ||
-               (queues->parts.count >= least && queues->bent.count < least)) {
+               (queues->parts.count > 0 && queues->bent.count == 0)) {
             take_loose(&queues->parts, &tubes);
             gather_crossed(&tubes, tree, medium, q, sums);
         }
-        if (queues->bent.count >= least) {
+        if (queues->bent.count > 0) {
             const uint32_t count = take_loose(&queues->bent, &tubes);
             refine_tubes(&tubes, count, tree, q, queues);
         }
     }
 }
 
-/* Everything of the patches found but what is left in the queues. */
-static inline void gather_patches(const TubeTree *tree, const Medium *medium, const Query *q,
-                                  Patches *patches, Queues *queues, Sums *sums) {
-    touch_patches(tree, q, patches);
-    for (uint32_t i = 0; i < patches->touched_count; ++i) {
-        find_crossings(tree, patches->touched[i], patches->tubes[i], patches->reaches[i],
-                       patches->f[i], patches->may_turn[i], queues);
-        if (queues->crossed.count >= QUEUE_FULL || queues->bent.count >= QUEUE_FULL)
-            empty_queues(tree, medium, q, queues, false, sums);
+/* f at the corners of tubes, and how far the farthest is from the ray. */
+static inline Lanes see_corners(Tubes *tubes, const Query *q) {
+    const Lanes3 d = set3(q->d), o = set3(q->o);
+    Lanes reach2 = lanes_set(0.0f);
+    for (int k = 0; k < 3; ++k) {
+        const Lanes3 across = cross3(d, sub3(row3(tubes, k, CORNER_X), o));
+        tubes->f[k] = line_f(across, row3(tubes, k, CORNER_W), d);
+        reach2 = lanes_max(reach2, dot3(across, across));
+    }
+    return lanes_sqrt(reach2);
+}
+
+/* Where light may turn over from one side of the view to the other inside a tube. */
+static inline LaneMask may_turn(const Tubes *tubes, Lanes3 d) {
+    Lanes sin2 = lanes_set(1.0f), spread2 = lanes_set(0.0f);
+    for (int k = 0; k < 3; ++k) {
+        const Lanes3 w = row3(tubes, k, CORNER_W), across = cross3(d, w);
+        const Lanes3 change = sub3(row3(tubes, (k + 1) % 3, CORNER_W), w);
+        sin2 = lanes_min(sin2, dot3(across, across));
+        spread2 = lanes_max(spread2, dot3(change, change));
+    }
+    return sin2 < TURN_SPREADS * TURN_SPREADS * spread2;
+}
+
+/* See tube_code_bulge. */
+static inline Lanes bulge_of(LaneMask codes) {
+    const LaneMask number = codes >> CODE_BULGE;
+    return (Lanes)((number + CODE_BULGE_BASE) << 20 & (number != 0));
+}
+
+/* Looks more closely at all tubes of a ray that wait for it. */
+static inline void gather_bent(const TubeTree *tree, const Medium *medium, Packet *packet,
+                               uint32_t r, Queues *queues) {
+    const Query *q = &packet->queries[r];
+    while (packet->bent[r].count > 0) {
+        Tubes tubes;
+        LaneMask patches, codes;
+        const uint32_t count = take_waiting(tree, &packet->bent[r], &tubes, &patches, &codes);
+        see_corners(&tubes, q);
+        add_loose(&tubes, (1u << count) - 1u, &queues->bent);
+    }
+    empty_queues(tree, medium, q, queues, &packet->sums[r]);
+}
+
+/* Adds what touched tubes of a ray send, by vectors, as long as `least` of them wait. */
+static inline void gather_touched(const TubeTree *tree, const Medium *medium, Packet *packet,
+                                  uint32_t r, uint32_t least, Queues *queues) {
+    const Query *q = &packet->queries[r];
+    const Lanes3 d = set3(q->d);
+    const Lanes zero = lanes_set(0.0f);
+    Waiting *list = &packet->touched[r];
+    while (list->count >= least) {
+        Tubes tubes;
+        LaneMask patches, codes;
+        const uint32_t count = take_waiting(tree, list, &tubes, &patches, &codes);
+        const Lanes reach = see_corners(&tubes, q);
+        const LaneMask is_there = lanes_below(count);
+        const Lanes blur = tree->blur * reach; /* f is averaged over so much to either side */
+        const Lanes low = min_of(tubes.f), high = max_of(tubes.f);
+        const Lanes margin = bulge_of(codes) * reach;
+        Lanes bend_max = (BULGE * tree->bend_max) * (high - low + blur);
+        const Lanes cosine = abs_lanes(dot3(row3(&tubes, 0, CORNER_W), d));
+        const LaneMask is_near = cosine > PARALLEL_COS;
+        if (lanes_bits(is_near) != 0)
+            bend_max = lanes_select(is_near & may_turn(&tubes, d), zero, bend_max);
+        const LaneMask is_bent =
+            (margin > bend_max) & (low < margin + blur) & (high > -margin - blur) & is_there;
+        const uint32_t bent = lanes_bits(is_bent);
+        if (bent != 0) {
+            const LanePack pack = lanes_pack_for(bent);
+            Waiting *bends = &packet->bent[r];
+            lanes_pack_numbers(bends->patches + bends->count, patches, &pack);
+            lanes_pack_numbers(bends->codes + bends->count, codes, &pack);
+            bends->count += (uint32_t)__builtin_popcount(bent);
+            if (bends->count >= QUEUE_FULL)
+                gather_bent(tree, medium, packet, r, queues);
+        }
+        const LaneMask is_crossed = (low <= blur) & (high > -blur) & is_there & ~is_bent;
+        const uint32_t crossed = lanes_bits(is_crossed);
+        if (crossed == 0)
+            continue;
+        if (count < LANE_COUNT) { /* the last ones, with what quartering will leave */
+            add_loose(&tubes, crossed, &queues->parts);
+            continue;
+        }
+        for (int k = 0; k < 3; ++k)
+            tubes.f[k] = (Lanes)((LaneMask)tubes.f[k] & is_crossed);
+        gather_crossed(&tubes, tree, medium, q, &packet->sums[r]);
     }
 }
 
-/* False, and nothing is known, where a tube's light runs along the ray and that is not allowed. */
-static inline bool gather_ray(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
-                              float length, bool has_frequency, bool may_be_parallel,
-                              FieldRadiance *out) {
-    const Vec3 from = vec3_sub(o, tree->center);
-    Query q = {.d = d, .near = vec3_dot(from, d), .has_frequency = has_frequency};
-    q.far = q.near + length;
-    q.o = vec3_madd(from, -q.near, d);
-    const Vec3 moment = vec3_cross(q.o, d);
-    const float axes[3] = {d.x, d.y, d.z};
+static inline void start_ray(const TubeTree *tree, const TubeRay *ray, uint32_t r, Packet *packet) {
+    const Vec3 from = vec3_sub(ray->o, tree->center), d = ray->d;
+    Query *q = &packet->queries[r];
+    *q = (Query){.d = d, .near = vec3_dot(from, d), .has_frequency = ray->has_frequency};
+    q->far = q->near + ray->length;
+    q->o = vec3_madd(from, -q->near, d);
+    const Vec3 moment = vec3_cross(q->o, d);
+    const float axes[3] = {d.x, d.y, d.z}, o[3] = {q->o.x, q->o.y, q->o.z};
+    const float moments[3] = {moment.x, moment.y, moment.z};
     for (int a = 0; a < 3; ++a) {
         /* 0 * infinity is not a number: a direction without this component gets a huge slope. */
         const float component = fabsf(axes[a]) < 1e-20f ? copysignf(1e-20f, axes[a]) : axes[a];
-        q.inverse[a] = 1.0f / component;
+        q->inverse[a] = 1.0f / component;
+        packet->o[a][r] = o[a];
+        packet->line[r][a] = packet->axes[a][r] = axes[a];
+        packet->line[r][3 + a] = packet->axes[3 + a][r] = moments[a];
     }
-    q.moment[0] = moment.x;
-    q.moment[1] = moment.y;
-    q.moment[2] = moment.z;
-
     const Lanes zero = lanes_set(0.0f);
-    Sums sums = {{zero, zero, zero}, zero};
-    Patches patches;
-    patches.found_count = 0;
-    patches.is_parallel = false;
+    packet->sums[r] = (Sums){{zero, zero, zero}, zero};
+    packet->touched[r].count = packet->bent[r].count = 0;
+}
+
+/* Which of the rays may meet light of each child of a node. */
+static inline void children_hit(const TubeNode *node, uint32_t rays, const Packet *packet,
+                                uint32_t out[TUBE_LANES]) {
+    if (__builtin_popcount(rays) <= FEW_RAYS) {
+        memset(out, 0, TUBE_LANES * sizeof *out);
+        for (; rays != 0; rays &= rays - 1) {
+            const uint32_t r = (uint32_t)__builtin_ctz(rays);
+            uint32_t hit = lines_hit(node, packet->line[r]);
+            if (__builtin_popcount(hit) > MANY_LINES)
+                hit = places_hit(node, &packet->queries[r], hit);
+            for (; hit != 0; hit &= hit - 1)
+                out[__builtin_ctz(hit)] |= 1u << r;
+        }
+        return;
+    }
+    uint32_t many = 0;
+    memset(out, 0, TUBE_LANES * sizeof *out);
+    for (uint32_t i = 0; i < packet->count; i += LANE_COUNT) {
+        Lanes line[LINE_AXES], size[LINE_AXES];
+        for (int a = 0; a < LINE_AXES; ++a) {
+            line[a] = lanes_load(packet->axes[a] + i);
+            size[a] = abs_lanes(line[a]);
+        }
+        LaneMask total = (LaneMask)lanes_set(0.0f);
+        for (int c = 0; c < TUBE_LANES; ++c) {
+            Lanes middle = lanes_set(0.0f), reach = lanes_set(0.0f);
+            for (int a = 0; a < LINE_AXES; ++a) {
+                middle += line[a] * node->middle[a][c];
+                reach += size[a] * node->extent[a][c];
+            }
+            const LaneMask hit = meets(middle, reach);
+            total -= hit;
+            out[c] |= lanes_bits(hit) << i;
+        }
+        many |= lanes_bits(total > MANY_LINES) << i;
+    }
+    for (int c = 0; c < TUBE_LANES; ++c)
+        out[c] &= rays;
+    for (many &= rays; many != 0; many &= many - 1) {
+        const uint32_t r = (uint32_t)__builtin_ctz(many);
+        uint32_t lines = 0;
+        for (uint32_t c = 0; c < TUBE_LANES; ++c)
+            lines |= (out[c] >> r & 1u) << c;
+        const uint32_t hit = places_hit(node, &packet->queries[r], lines);
+        for (uint32_t c = 0; c < TUBE_LANES; ++c)
+            out[c] &= ~(((~hit >> c) & 1u) << r);
+    }
+}
+
+static inline void gather_lists(const TubeTree *tree, const Medium *medium, uint32_t rays,
+                                Packet *packet, Queues *queues) {
+    for (; rays != 0; rays &= rays - 1) {
+        const uint32_t r = (uint32_t)__builtin_ctz(rays);
+        if (packet->touched[r].count >= QUEUE_FULL)
+            gather_touched(tree, medium, packet, r, LANE_COUNT, queues);
+    }
+}
+
+static inline void gather_packet(const TubeTree *tree, const Medium *medium, Packet *packet) {
     Queues queues;
-    queues.crossed.count = queues.parts.count = queues.bent.count = 0;
+    queues.parts.count = queues.bent.count = 0;
     uint32_t stack[STACK_MAX];
+    uint16_t rays[STACK_MAX];
     uint8_t levels[STACK_MAX];
     uint32_t depth = 1;
     stack[0] = 0;
+    rays[0] = (uint16_t)((1u << packet->count) - 1u);
     levels[0] = (uint8_t)(tree->level_count - 1);
     while (depth > 0) {
-        /* From the top; the ones below are of the same level, or of a higher one. */
-        const uint32_t count = depth < NODES ? depth : NODES;
-        depth -= count;
-        uint32_t level[NODES], index[NODES];
-        const TubeNode *nodes[NODES];
-        for (uint32_t k = 0; k < NODES; ++k) {
-            const uint32_t place = depth + (k < count ? k : 0);
-            level[k] = levels[place];
-            index[k] = stack[place];
-            nodes[k] = &tree->nodes[tree->first[level[k]] + index[k]];
-        }
-        const uint32_t hit = children_hit(nodes[0], nodes[NODES - 1], &q);
-        for (uint32_t k = 0; k < count; ++k) {
-            const uint32_t bits = hit >> (k * TUBE_LANES) & 0xFFu;
-            const uint32_t first = index[k] * TUBE_LANES;
-            if (level[k] > 0) {
-                lanes_store_numbers(stack + depth, first, bits);
-                memset(levels + depth, (int)level[k] - 1, TUBE_LANES);
-                depth += (uint32_t)__builtin_popcount(bits);
+        --depth;
+        const uint32_t level = levels[depth], first = stack[depth] * TUBE_LANES;
+        uint32_t hit[TUBE_LANES];
+        children_hit(&tree->nodes[tree->first[level] + stack[depth]], rays[depth], packet, hit);
+        for (uint32_t c = 0; c < TUBE_LANES; ++c) {
+            if (hit[c] == 0)
+                continue;
+            if (level > 0) {
+                stack[depth] = first + c;
+                rays[depth] = (uint16_t)hit[c];
+                levels[depth++] = (uint8_t)(level - 1);
             } else {
-                lanes_store_numbers(patches.found + patches.found_count, first, bits);
-                patches.found_count += (uint32_t)__builtin_popcount(bits);
+                touch_patch(tree, first + c, hit[c], packet);
+                gather_lists(tree, medium, hit[c], packet, &queues);
             }
         }
-        if (patches.found_count >= PATCHES_FULL)
-            gather_patches(tree, medium, &q, &patches, &queues, &sums);
     }
-    gather_patches(tree, medium, &q, &patches, &queues, &sums);
-    if (patches.is_parallel && !may_be_parallel)
-        return false;
-    empty_queues(tree, medium, &q, &queues, true, &sums);
-    out->radiance =
-        rgb(lanes_sum(sums.radiance[0]), lanes_sum(sums.radiance[1]), lanes_sum(sums.radiance[2]));
-    out->frequency = lanes_sum(sums.frequency) / 3.0f;
-    out->contribution = rgb_mean(out->radiance);
-    out->reflected = out->passed = rgb(0, 0, 0);
-    return true;
+    for (uint32_t r = 0; r < packet->count; ++r) {
+        gather_touched(tree, medium, packet, r, 1, &queues);
+        gather_bent(tree, medium, packet, r, &queues);
+    }
 }
 
-FieldRadiance AMB_TUBE_GATHER(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
-                              float length, bool has_frequency) {
-    FieldRadiance out;
-    if (gather_ray(tree, medium, o, d, length, has_frequency, false, &out))
-        return out;
-    Vec3 x, y;
-    vec3_frame(d, &x, &y);
-    /* Turned out of one light's direction it may be in another's, which then loses some. */
-    gather_ray(tree, medium, o, vec3_normalize(vec3_madd(d, NUDGE, x)), length, has_frequency, true,
-               &out);
+static inline FieldRadiance sum_up(const Sums *sums) {
+    FieldRadiance out = {.radiance = rgb(lanes_sum(sums->radiance[0]), lanes_sum(sums->radiance[1]),
+                                         lanes_sum(sums->radiance[2])),
+                         .frequency = lanes_sum(sums->frequency) / 3.0f};
+    out.contribution = rgb_mean(out.radiance);
     return out;
+}
+
+static inline void gather_rays(const TubeTree *tree, const Medium *medium, const TubeRay rays[],
+                               uint32_t count, Packet *packet, FieldRadiance out[]) {
+    packet->count = count;
+    packet->parallel = 0;
+    for (uint32_t r = 0; r < count; ++r)
+        start_ray(tree, &rays[r], r, packet);
+    gather_packet(tree, medium, packet);
+    for (uint32_t r = 0; r < count; ++r)
+        out[r] = sum_up(&packet->sums[r]);
+}
+
+void AMB_TUBE_GATHER(const TubeTree *tree, const Medium *medium, const TubeRay rays[],
+                     uint32_t count, FieldRadiance out[]) {
+    Packet packet;
+    gather_rays(tree, medium, rays, count, &packet, out);
+    for (uint32_t left = packet.parallel; left != 0; left &= left - 1) {
+        const uint32_t r = (uint32_t)__builtin_ctz(left);
+        TubeRay turned = rays[r];
+        Vec3 x, y;
+        vec3_frame(turned.d, &x, &y);
+        /* Turned out of one light's direction it may be in another's, which then loses some. */
+        turned.d = vec3_normalize(vec3_madd(turned.d, NUDGE, x));
+        gather_rays(tree, medium, &turned, 1, &packet, &out[r]);
+    }
 }

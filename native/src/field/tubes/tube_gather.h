@@ -6,20 +6,27 @@
 #include "field/field.h"
 #include "field/tubes/tube_tree.h"
 
-typedef FieldRadiance (*TubeGather)(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
-                                    float length, bool has_frequency);
+enum { TUBE_PACKET = 16 }; /* rays that are best gathered for together, where they are neighbours */
 
-/* Sum over all tubes whose light meets the segment o + t d, 0 < t < length (world); without
- * has_frequency that one stays 0. The portable
- * and the AVX2 variant give the same bits: no fused multiply-add, the same order of sums. AVX-512
- * fuses, and differs in the last digits. */
-FieldRadiance tube_gather_portable(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
-                                   float length, bool has_frequency);
-FieldRadiance tube_gather_avx2(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
-                               float length, bool has_frequency);
+/* The segment o + t d, 0 < t < length (world); without has_frequency that one stays 0. */
+typedef struct TubeRay {
+    Vec3 o, d;
+    float length;
+    bool has_frequency;
+} TubeRay;
 
-FieldRadiance tube_gather_avx512(const TubeTree *tree, const Medium *medium, Vec3 o, Vec3 d,
-                                 float length, bool has_frequency);
+/* For up to TUBE_PACKET rays the sum over all tubes whose light meets the segment; what a ray gets
+ * does not depend on the others. The portable and the AVX2 variant give the same bits: no fused
+ * multiply-add, the same order of sums. AVX-512 fuses, and differs in the last digits. */
+typedef void (*TubeGather)(const TubeTree *tree, const Medium *medium, const TubeRay rays[],
+                           uint32_t count, FieldRadiance out[]);
+
+void tube_gather_portable(const TubeTree *tree, const Medium *medium, const TubeRay rays[],
+                          uint32_t count, FieldRadiance out[]);
+void tube_gather_avx2(const TubeTree *tree, const Medium *medium, const TubeRay rays[],
+                      uint32_t count, FieldRadiance out[]);
+void tube_gather_avx512(const TubeTree *tree, const Medium *medium, const TubeRay rays[],
+                        uint32_t count, FieldRadiance out[]);
 
 /* The best variant for this processor. */
 TubeGather tube_gather_select(void);

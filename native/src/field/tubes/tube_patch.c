@@ -287,19 +287,13 @@ static void write_patch(const Grower *grower, const Growth *growth, TubePatch *p
     bound_patch(patch, growth->corner_count);
     for (uint32_t i = 0; i < growth->item_count; ++i) {
         const uint32_t item = growth->items[i];
+        uint32_t corners[3];
         for (int k = 0; k < 3; ++k) {
-            const uint32_t c = find_corner(growth, grower->corners[item][k]);
-            uint8_t *numbers = k < 2 ? &patch->pairs[i] : &patch->thirds[i];
-            *numbers |= (uint8_t)(k == 1 ? c << 4 : c);
-            patch->masks[i] |= (uint16_t)(1u << c);
+            corners[k] = find_corner(growth, grower->corners[item][k]);
+            patch->masks[i] |= (uint16_t)(1u << corners[k]);
         }
-        patch->bulge = fmaxf(patch->bulge, grower->tubes[grower->items[item].index].bulge);
-    }
-    for (uint32_t i = 0; i < growth->item_count; ++i)
-        patch->blur = fmaxf(patch->blur, grower->tubes[grower->items[growth->items[i]].index].blur);
-    for (uint32_t i = 0; i < growth->item_count && patch->bulge > 0.0f; ++i) {
-        const Tube *tube = &grower->tubes[grower->items[growth->items[i]].index];
-        patch->bulges[i] = (uint8_t)fminf(ceilf(255.0f * (tube->bulge / patch->bulge)), 255.0f);
+        patch->codes[i] = tube_code(corners, grower->tubes[grower->items[item].index].bulge);
+        patch->bulge = fmaxf(patch->bulge, tube_code_bulge(patch->codes[i]));
     }
 }
 

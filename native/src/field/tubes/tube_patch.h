@@ -3,6 +3,8 @@
 #ifndef AMB_FIELD_TUBES_TUBE_PATCH_H
 #define AMB_FIELD_TUBES_TUBE_PATCH_H
 
+#include <string.h>
+
 #include "base/parallel.h"
 #include "math/vec3.h"
 
@@ -54,14 +56,35 @@ typedef struct TubePatch {
     float corners[PATCH_CORNERS][CORNER_SIZE];          /* the same corners, for what is crossed */
     float starts[PATCH_CORNERS];
     uint16_t masks[PATCH_TUBES]; /* which corners a tube has; 0: no tube */
-    uint8_t pairs[PATCH_TUBES];  /* numbers of its first two corners, four bits each */
-    uint8_t thirds[PATCH_TUBES]; /* and of the third */
-    uint8_t bulges[PATCH_TUBES]; /* of the tubes, in 1/255 of */
-    float bulge;                 /* the largest */
-    float blur;                  /* the largest of the tubes */
+    float bulge;                 /* the largest of the tubes, as their codes have it */
     float radius;                /* of a ball around all corners, m */
     Vec3 center;
+    uint32_t codes[PATCH_TUBES]; /* of each tube its corners and bulge: see tube_code */
 } TubePatch;
+
+/* Numbers of three corners, four bits each, and the bulge: a float's exponent and three bits of its
+ * mantissa, not smaller than it is, from 1e-9 to 4; 0: none. */
+enum { CODE_BULGE = 12, CODE_BULGE_MAX = 255, CODE_BULGE_BASE = 8 * (127 + 2) - CODE_BULGE_MAX };
+
+static inline uint32_t tube_code(const uint32_t corners[3], float bulge) {
+    uint32_t bits;
+    memcpy(&bits, &bulge, sizeof bits);
+    const uint32_t step = 1u << 20, level = (bits + step - 1) / step;
+    const uint32_t least = CODE_BULGE_BASE + 1, most = CODE_BULGE_BASE + CODE_BULGE_MAX;
+    const uint32_t number = !(bulge > 0.0f) ? 0
+                            : level < least ? 1
+                            : level > most  ? CODE_BULGE_MAX
+                                            : level - CODE_BULGE_BASE;
+    return corners[0] | corners[1] << 4 | corners[2] << 8 | number << CODE_BULGE;
+}
+
+static inline float tube_code_bulge(uint32_t code) {
+    const uint32_t number = code >> CODE_BULGE;
+    const uint32_t bits = number == 0 ? 0 : (number + CODE_BULGE_BASE) << 20;
+    float bulge;
+    memcpy(&bulge, &bits, sizeof bulge);
+    return bulge;
+}
 
 /* Patch p has the tubes order[first[p]] .. order[first[p + 1] - 1]. */
 typedef struct TubePatches {

@@ -194,6 +194,7 @@ AmbStatus tube_tree_build(const Tube *tubes, uint64_t tube_count, const TubeLigh
     AMB_TRY(tube_patches_build(tubes, tube_count, radius, job, &builder.patches));
     out_tree->light = *light;
     out_tree->center = center;
+    out_tree->slack = SLACK * radius;
     out_tree->patch_count = builder.patches.count;
     lay_out(out_tree);
     out_tree->patches = memory_alloc_array(out_tree->patch_count, sizeof(TubePatch));

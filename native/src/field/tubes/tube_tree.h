@@ -28,6 +28,7 @@ typedef struct TubeTree {
     uint64_t first[TUBE_LEVEL_MAX]; /* index of a level's first node in nodes */
     uint32_t level_count;
     Vec3 center;    /* world */
+    float slack;    /* m, by which f is wrong from rounding, at most */
     float blur;     /* largest of the tubes; 0: the source is a point */
     float bend_max; /* the gather quarters tubes in which f is farther from linear, in units of its
                      * range over the corners */

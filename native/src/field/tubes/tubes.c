@@ -664,25 +664,32 @@ uint64_t tubes_reflected_bytes(const TubeField *tubes) {
     return bytes;
 }
 
-/* Trees of one kind. */
-static FieldRadiance gather_kind(const TubeField *tubes, const FieldSegment *segment,
-                                 bool has_frequency, bool reflected) {
+/* Adds what trees of one kind send, and what of it was reflected. */
+static void gather_kind(const TubeField *tubes, const TubeRay rays[], uint32_t count,
+                        bool reflected, FieldRadiance out[]) {
     const TubeGather gather = tube_gather_select();
-    FieldRadiance sum = {.radiance = {0, 0, 0}};
-    for (uint32_t i = 0; i < tubes->tree_count; ++i)
-        if (is_reflected(&tubes->trees[i]) == reflected)
-            sum = field_radiance_add(sum, gather(&tubes->trees[i], &tubes->medium, segment->o,
-                                                 segment->d, segment->length, has_frequency));
-    return sum;
+    for (uint32_t i = 0; i < tubes->tree_count; ++i) {
+        if (is_reflected(&tubes->trees[i]) != reflected)
+            continue;
+        FieldRadiance parts[TUBE_PACKET];
+        gather(&tubes->trees[i], &tubes->medium, rays, count, parts);
+        for (uint32_t r = 0; r < count; ++r) {
+            if (reflected)
+                parts[r].reflected = parts[r].radiance;
+            out[r] = field_radiance_add(out[r], parts[r]);
+        }
+    }
 }
 
-FieldRadiance tubes_gather(const TubeField *tubes, const FieldSegment *segment,
-                           bool has_frequency) {
-    const FieldRadiance first = gather_kind(tubes, segment, has_frequency, false);
-    const double begin = segment->times != NULL ? clock_thread_cpu() : 0.0;
-    FieldRadiance reflected = gather_kind(tubes, segment, has_frequency, true);
-    if (segment->times != NULL)
-        segment->times->reflected += clock_thread_cpu() - begin;
-    reflected.reflected = reflected.radiance;
-    return field_radiance_add(first, reflected);
+void tubes_gather(const TubeField *tubes, const TubeRay rays[], uint32_t count, FieldTimes *times,
+                  FieldRadiance out[]) {
+    memset(out, 0, count * sizeof *out);
+    for (uint32_t begin = 0; begin < count; begin += TUBE_PACKET) {
+        const uint32_t size = count - begin < TUBE_PACKET ? count - begin : TUBE_PACKET;
+        gather_kind(tubes, rays + begin, size, false, out + begin);
+        const double start = times != NULL ? clock_thread_cpu() : 0.0;
+        gather_kind(tubes, rays + begin, size, true, out + begin);
+        if (times != NULL)
+            times->reflected += clock_thread_cpu() - start;
+    }
 }

@@ -14,7 +14,7 @@
 #define AMB_FIELD_TUBES_TUBES_H
 
 #include "field/field.h"
-#include "field/tubes/tube_tree.h"
+#include "field/tubes/tube_gather.h"
 
 typedef struct TubeParams {
     int32_t refinement;   /* each triangle is halved that many times along its edges, and limits
@@ -46,7 +46,8 @@ void tubes_clear(TubeField *tubes);
 uint64_t tubes_bytes(const TubeField *tubes);
 uint64_t tubes_reflected_bytes(const TubeField *tubes); /* of these */
 
-/* See field_gather. */
-FieldRadiance tubes_gather(const TubeField *tubes, const FieldSegment *segment, bool has_frequency);
+/* See field_gather_many: all of one object. times: NULL where they are not asked for. */
+void tubes_gather(const TubeField *tubes, const TubeRay rays[], uint32_t count, FieldTimes *times,
+                  FieldRadiance out[]);
 
 #endif
