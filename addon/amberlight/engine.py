@@ -115,6 +115,8 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
         except AmberlightError as error:
             log.debug("render failed", exc_info=True)
             self.fail(str(error))
+        except UnicodeDecodeError as error:
+            self.fail(no_text(error))
         except Exception as error:
             log.exception("internal error")
             self.fail(f"internal error: {type(error).__name__}: {error}")
@@ -271,6 +273,8 @@ class AmberlightRenderEngine(bpy.types.RenderEngine):
             function(*args)
         except AmberlightError as error:
             self.update_stats("Amberlight", str(error))
+        except UnicodeDecodeError as error:
+            self.update_stats("Amberlight", no_text(error))
         except Exception as error:
             log.exception("internal error")
             self.update_stats("Amberlight", f"internal error: {error}")
@@ -327,6 +331,11 @@ class _Poll:
 def layer_names(scene: Any) -> list[str]:
     """The view layers that are rendered, in order."""
     return [layer.name for layer in scene.view_layers if layer.use]
+
+
+def no_text(error: UnicodeDecodeError) -> str:
+    """A damaged file may hold names that Blender itself cannot hand out."""
+    return f'the name "{error.object.decode(errors="replace")}" is not UTF-8, rename what has it'
 
 
 def write_pixels(target: Any, pixels: Any) -> None:

@@ -58,6 +58,7 @@ class TreeReader:
         self.where = where
         self.log = log
         self.known: dict[tuple[str, Any, Path], Any] = {}
+        self.links: dict[Any, dict[Any, list[Any]]] = {}
 
     def once(self, what: str, source: Source, read: Callable[[Any, Path], Any]) -> Any:
         """read(node, path) of a source, asked for once: through a ladder of sums, each of which
@@ -92,13 +93,25 @@ class TreeReader:
 
     # ---- Links -----------------------------------------------------------------------------------
 
+    def links_into(self, socket: Any) -> list[Any]:
+        """The links that count. socket.links looks through all of the tree each time, before
+        Blender 4: each tree is looked through once."""
+        tree = socket.id_data
+        if tree not in self.links:
+            found = self.links[tree] = {}
+            for link in tree.links:
+                if link.is_valid and not link.is_muted:
+                    found.setdefault(link.to_socket, []).append(link)
+        return self.links[tree].get(socket, [])
+
     def source(self, socket: Any, path: Path = ()) -> Source:
         """Follows the link into `socket` to a node that makes a value."""
         # Each step goes to another socket of a finite, acyclic tree; the bound is for broken files.
         for _ in range(10000):
-            link = next((k for k in socket.links if k.is_valid and not k.is_muted), None)
-            if link is None:
+            links = self.links_into(socket)
+            if not links:
                 return Source(None, socket, path)
+            link = links[0]
             node, output = link.from_node, link.from_socket
             if node.mute:
                 inner = next((k for k in node.internal_links if k.to_socket == output), None)
@@ -142,7 +155,7 @@ class TreeReader:
 
     def is_linked(self, node: Any, name: str) -> bool:
         socket = node.inputs.get(name)
-        return socket is not None and any(not link.is_muted for link in socket.links)
+        return socket is not None and bool(self.links_into(socket))
 
     def _value(self, node: Any, name: str, path: Path) -> float | RGB:
         socket = node.inputs[name]

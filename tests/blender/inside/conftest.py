@@ -25,7 +25,7 @@ def every_sample_is_a_number(empty_scene):
 
     yield
     lines = [line for summary in report.LAST.values() for line in summary.warnings]
-    assert not [line for line in lines if "not finite" in line]
+    assert not [line for line in lines if "were not finite" in line]
 
 
 @pytest.fixture
