@@ -117,6 +117,25 @@ def test_decisions_are_right(name: str) -> None:
         assert not wrong_decisions(plan, MEASURED[name]), accuracy
 
 
+def test_the_cheaper_choice_is_taken() -> None:
+    """Where light is strewn by a bumpy wall its reflections cost most of a render: they are left
+    out though they alone would show, and reflections on the camera's side, which cost little, are
+    followed farther for it. With beads these are kept though they would not show, for the noise
+    that would have to take their place."""
+    at = {"accuracy": 0.05, "width": 64, "height": 64}
+    light, camera = "light-side internal reflection", "camera-side internal reflection"
+    plan = explain(BY_NAME["bumpy resin"], **at)
+    bumpy, least = effects(plan), plan["plan"]["share_min"]
+    assert bumpy[light]["count"] == 0 and bumpy[light]["reason"].startswith("it would cost more")
+    assert least < bumpy[light]["share"]["value"] < 1.2 * least
+    assert bumpy[camera]["count"] > 1 and bumpy[camera]["reason"] == TOGETHER
+    plan = explain(BY_NAME["beads"], **at)
+    beads, least = effects(plan), plan["plan"]["share_min"]
+    assert beads[camera]["count"] == 1
+    assert beads[camera]["reason"] == "to leave it out would cost more in noise"
+    assert 0.7 * least < beads[camera]["share"]["value"] < 0.75 * least
+
+
 def test_what_is_left_out_fits_the_target() -> None:
     """In 95 of 100 plans at least; accuracy 0 counts as 1 %."""
     fits = []

@@ -27,9 +27,20 @@ static const double DEFAULT_ACCURACY = 0.01;
 /* Noise and light field have the rest of 0.85 of the target, which is what a render aims at:
  * sqrt(0.85^2 - 0.6^2) = 0.6 at worst. */
 static const double SHARE_PART = 0.5, OMITTED_PART = 0.6;
+/* Noise is c n^-3/4 of n samples (render/survey.c), so that n goes as the 2/3 power of 1 / square.
+ */
+static const double SAMPLES_ORDER = 2.0 / 3.0;
+/* Of the target, what a render aims at (render/accuracy.h). */
+static const double AIM_PART = 0.85;
 /* A share that the probes could not tell from the least one is taken as less where its estimate is
  * below this part of it: in the middle between half and the whole. */
 static const double UNDECIDED_PART = 0.75;
+/* What may be left out for being dear, if its bounds are below: in units of the least share. */
+static const double DEAR_MAX = 1.6;
+/* What may be simulated for being cheap though it would not show, by its estimate in the same
+ * units.
+ */
+static const double CHEAP_PART = 0.7;
 /* Objects whose light is not traced have together at most this part of the least share. */
 static const double DARK_OBJECTS_PART = 0.25;
 
@@ -37,7 +48,7 @@ double decide_share_min(double accuracy) {
     return SHARE_PART * (accuracy > 0.0 ? accuracy : DEFAULT_ACCURACY);
 }
 
-double decide_omitted_max(double accuracy) {
+static double find_omitted_max(double accuracy) {
     return OMITTED_PART * (accuracy > 0.0 ? accuracy : DEFAULT_ACCURACY);
 }
 
@@ -76,95 +87,150 @@ void decide_describe(const EffectShares *shares, Plan *plan) {
     plan->probe_count = shares->probe_count;
 }
 
-/* Reflections beyond a step; beyond the last one nothing is known. */
-static Share beyond(const EffectShares *shares, const Candidate *candidate, uint32_t step) {
-    if (step + 1 < BOUNCE_STEP_COUNT)
-        return effect_share(shares, candidate->share + step);
-    return (Share){.is_known = true};
+static uint32_t last_step(uint32_t c) {
+    return CANDIDATES[c].is_counted ? BOUNCE_STEP_COUNT - 1 : 1;
 }
 
-static void skip(PlanEffect *effect) {
-    effect->is_simulated = false;
-    effect->reason = "too small to show";
-    effect->count = 0;
-}
+/* One choice for each candidate. */
+typedef struct Choice {
+    uint32_t steps[CANDIDATE_COUNT]; /* 0: left out; of counted ones of BOUNCE_STEPS, else 1 */
+    double rests[CANDIDATE_COUNT];   /* shares of what is left out */
+} Choice;
 
-/* Settles one effect by itself; step of a counted one. */
-static uint32_t settle(const EffectShares *shares, const Candidate *candidate, double share_min,
-                       PlanEffect *effect) {
-    uint32_t step = 0;
-    if (candidate->is_counted) {
-        while (step + 1 < BOUNCE_STEP_COUNT) {
-            const Share rest = beyond(shares, candidate, step);
-            if (is_less(&rest, share_min))
-                break;
-            ++step;
-        }
-        effect->count = BOUNCE_STEPS[step];
-        effect->rest = beyond(shares, candidate, step);
-    } else if (is_less(&effect->share, share_min)) {
-        effect->rest = effect->share;
-    } else {
-        effect->rest = (Share){.is_known = true};
-        step = 1;
-    }
-    if (step == 0)
-        skip(effect);
-    else
-        effect->reason = "large enough to show";
-    return step;
-}
+/* The search for the choice of least cost: all of them are looked at, some thousands at most. */
+typedef struct Search {
+    const Plan *plan;
+    EffectWork work;
+    /* What is left out of a candidate at a step: reflections beyond it, or all and nothing of the
+     * others. Beyond the last step nothing is known. */
+    Share rests[CANDIDATE_COUNT][BOUNCE_STEP_COUNT];
+    double aim, omitted_max;
+    bool is_open[CANDIDATE_COUNT];
+    Choice choice, best;
+    double best_cost; /* infinite: none fits */
+} Search;
 
-/* One step more of the effect of which most is left out. */
-static bool take_back(const EffectShares *shares, const bool *is_open, uint32_t *steps,
-                      Plan *plan) {
-    uint32_t worst = CANDIDATE_COUNT;
-    double most = 0.0;
-    for (uint32_t c = 0; c < CANDIDATE_COUNT; ++c) {
-        const Share *rest = &plan->effects[CANDIDATES[c].effect].rest;
-        if (is_open[c] && rest->value > most) {
-            most = rest->value;
-            worst = c;
-        }
-    }
-    if (worst == CANDIDATE_COUNT)
-        return false;
-    PlanEffect *effect = &plan->effects[CANDIDATES[worst].effect];
-    ++steps[worst];
-    effect->is_simulated = true;
-    effect->reason = "what is left out would be too much together";
-    effect->rest = (Share){.is_known = true};
-    if (CANDIDATES[worst].is_counted) {
-        effect->count = BOUNCE_STEPS[steps[worst]];
-        effect->rest = beyond(shares, &CANDIDATES[worst], steps[worst]);
-    }
-    return true;
-}
-
-static double rest_of(const bool *is_open, const Plan *plan, uint32_t effect) {
+static double rest_of(const Search *search, uint32_t effect) {
     for (uint32_t c = 0; c < CANDIDATE_COUNT; ++c)
-        if (CANDIDATES[c].effect == effect && is_open[c])
-            return plan->effects[effect].rest.value;
+        if (CANDIDATES[c].effect == effect && search->is_open[c])
+            return search->choice.rests[c];
     return 0.0;
 }
 
 /* Light of the surroundings, of reflections and through objects is also part of the orders that it
  * scatters in: as much of it as goes with these, about, is not counted again. */
-static double sum_omitted(const bool *is_open, const Plan *plan) {
+static double sum_omitted(const Search *search) {
     static const uint32_t orders[] = {PLAN_SINGLE_SCATTERING, PLAN_DOUBLE_SCATTERING,
                                       PLAN_MULTIPLE_SCATTERING};
     double all = 0.0, omitted = 0.0;
     for (uint32_t i = 0; i < sizeof orders / sizeof orders[0]; ++i) {
-        all += plan->effects[orders[i]].share.value;
-        omitted += rest_of(is_open, plan, orders[i]);
+        all += search->plan->effects[orders[i]].share.value;
+        omitted += rest_of(search, orders[i]);
     }
-    const double kinds = rest_of(is_open, plan, PLAN_WORLD_LIGHT) +
-                         rest_of(is_open, plan, PLAN_LIGHT_BOUNCES) +
-                         rest_of(is_open, plan, PLAN_TRANSMITTED_LIGHT);
+    const double kinds = rest_of(search, PLAN_WORLD_LIGHT) + rest_of(search, PLAN_LIGHT_BOUNCES) +
+                         rest_of(search, PLAN_TRANSMITTED_LIGHT);
     const double kept = all > 0.0 ? fmax(1.0 - omitted / all, 0.0) : 0.0;
-    return omitted + kept * kinds + rest_of(is_open, plan, PLAN_CAMERA_BOUNCES) +
-           rest_of(is_open, plan, PLAN_SURFACE_REFLECTION) +
-           rest_of(is_open, plan, PLAN_BACKGROUND);
+    return omitted + kept * kinds + rest_of(search, PLAN_CAMERA_BOUNCES) +
+           rest_of(search, PLAN_SURFACE_REFLECTION) + rest_of(search, PLAN_BACKGROUND);
+}
+
+/* What a render of the choice takes, but for a factor: what is left out takes room from noise. */
+static double predict_cost(const Search *search, double omitted) {
+    EffectChoice choice = {.camera_step = 0};
+    for (uint32_t c = 0; c < CANDIDATE_COUNT; ++c) {
+        const uint32_t step = search->is_open[c] ? search->choice.steps[c] : 0;
+        choice.is_on[CANDIDATES[c].effect] = step > 0;
+        if (CANDIDATES[c].effect == PLAN_CAMERA_BOUNCES)
+            choice.camera_step = step;
+        if (CANDIDATES[c].effect == PLAN_LIGHT_BOUNCES)
+            choice.light_step = step;
+    }
+    const double room = search->aim * search->aim - omitted * omitted;
+    return effect_cost(&search->work, &choice) * pow(room, -SAMPLES_ORDER);
+}
+
+/* Whether a candidate may be left at a step: what it leaves does not show, or what leaving it shows
+ * is little and known. */
+static bool may_be(const Search *search, uint32_t c, uint32_t step) {
+    const double share_min = search->plan->share_min;
+    const Share *rest = &search->rests[c][step];
+    return is_less(rest, share_min) ||
+           (rest->value <= search->omitted_max && rest->high <= DEAR_MAX * share_min);
+}
+
+/* Whether a step adds what shows, or nearly, and is known to. */
+static bool is_worth(const Search *search, uint32_t c, uint32_t step) {
+    const Share *before = &search->rests[c][step - 1];
+    const double least = CHEAP_PART * search->plan->share_min;
+    return !is_less(before, search->plan->share_min) ||
+           (before->value > least && before->low >= 0.5 * least);
+}
+
+/* Whether each of the choice's last steps is worth it, or without it too much would be left out. */
+static bool is_needed(Search *search) {
+    for (uint32_t c = 0; c < CANDIDATE_COUNT; ++c) {
+        const uint32_t step = search->choice.steps[c];
+        if (!search->is_open[c] || step == 0 || is_worth(search, c, step))
+            continue;
+        const double rest = search->choice.rests[c];
+        search->choice.rests[c] = search->rests[c][step - 1].value;
+        const double omitted = sum_omitted(search);
+        search->choice.rests[c] = rest;
+        if (omitted <= search->omitted_max)
+            return false;
+    }
+    return true;
+}
+
+static void try_from(Search *search, uint32_t c) {
+    if (c == CANDIDATE_COUNT) {
+        const double omitted = sum_omitted(search);
+        if (omitted > search->omitted_max)
+            return;
+        const double cost = predict_cost(search, omitted);
+        if (cost < search->best_cost && is_needed(search)) {
+            search->best_cost = cost;
+            search->best = search->choice;
+        }
+        return;
+    }
+    if (!search->is_open[c]) {
+        try_from(search, c + 1);
+        return;
+    }
+    for (uint32_t step = 0; step <= last_step(c); ++step)
+        if (may_be(search, c, step)) {
+            search->choice.steps[c] = step;
+            search->choice.rests[c] = search->rests[c][step].value;
+            try_from(search, c + 1);
+        }
+}
+
+/* The step of a candidate that stood alone: the first that leaves too little to show. */
+static uint32_t step_alone(const Search *search, uint32_t c) {
+    uint32_t step = 0;
+    while (step < last_step(c)) {
+        const Share rest = search->rests[c][step];
+        if (is_less(&rest, search->plan->share_min))
+            break;
+        ++step;
+    }
+    return step;
+}
+
+static void apply(const Search *search, uint32_t c, PlanEffect *effect) {
+    const uint32_t step = search->best.steps[c], alone = step_alone(search, c);
+    effect->is_simulated = step > 0;
+    effect->count = CANDIDATES[c].is_counted ? BOUNCE_STEPS[step] : 0;
+    effect->rest = search->rests[c][step];
+    if (step > alone)
+        effect->reason = is_worth(search, c, step) ? "to leave it out would cost more in noise"
+                                                   : "what is left out would be too much together";
+    else if (step < alone)
+        effect->reason = step > 0 ? "large enough to show; more would cost more than noise"
+                                  : "it would cost more than noise in its place";
+    else
+        effect->reason = step > 0 ? "large enough to show" : "too small to show";
 }
 
 /* Whether an object stands alone: light enters nothing else by way of it. */
@@ -200,18 +266,25 @@ static void choose_targets(const AmbScene *scene, double limit, Plan *plan) {
     plan->omitted += sum;
 }
 
-void decide(const AmbScene *scene, const EffectShares *shares, double omitted_max, Plan *plan) {
-    bool is_open[CANDIDATE_COUNT] = {false};
-    uint32_t steps[CANDIDATE_COUNT] = {0};
+void decide(const AmbScene *scene, const EffectShares *shares, double accuracy, double part,
+            Plan *plan) {
+    Search search = {.plan = plan,
+                     .work = effect_work(shares),
+                     .aim = AIM_PART * (accuracy > 0.0 ? accuracy : DEFAULT_ACCURACY),
+                     .omitted_max = part * find_omitted_max(accuracy),
+                     .best_cost = INFINITY};
     for (uint32_t c = 0; c < CANDIDATE_COUNT; ++c) {
-        PlanEffect *effect = &plan->effects[CANDIDATES[c].effect];
-        is_open[c] = effect->is_simulated;
-        if (is_open[c])
-            steps[c] = settle(shares, &CANDIDATES[c], plan->share_min, effect);
+        search.is_open[c] = plan->effects[CANDIDATES[c].effect].is_simulated;
+        for (uint32_t step = 0; step < last_step(c); ++step)
+            search.rests[c][step] = effect_share(shares, CANDIDATES[c].share + step);
+        search.rests[c][last_step(c)] = (Share){.is_known = true};
     }
-    while (sum_omitted(is_open, plan) > omitted_max && take_back(shares, is_open, steps, plan)) {
-    }
-    plan->omitted = sum_omitted(is_open, plan);
+    try_from(&search, 0);
+    search.choice = search.best;
+    plan->omitted = sum_omitted(&search);
+    for (uint32_t c = 0; c < CANDIDATE_COUNT; ++c)
+        if (search.is_open[c])
+            apply(&search, c, &plan->effects[CANDIDATES[c].effect]);
     if (plan->effects[PLAN_SINGLE_SCATTERING].is_simulated)
         choose_targets(scene, DARK_OBJECTS_PART * plan->share_min, plan);
 }

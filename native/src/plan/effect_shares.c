@@ -18,6 +18,7 @@ typedef struct Touched {
 typedef struct ProbeResult {
     double weight;
     Rgb radiance[2];
+    EffectWork work; /* of both samples */
     uint32_t touched_count;
     Touched touched[TOUCHED_MAX];
 } ProbeResult;
@@ -65,12 +66,24 @@ static void add_way(const Look *look, Touched *touched, const CameraWay *way, Rg
     *sum = rgb_add(*sum, radiance);
 }
 
+/* Counts something that a path or a walk does after so many scatterings. */
+static void count(EffectWork *work, const CameraWay *way, uint32_t order, bool is_stretch) {
+    if (order > 0) {
+        *(!is_stretch ? &work->escapes : order == 1 ? &work->second : &work->later) += 1.0;
+        return;
+    }
+    (is_stretch ? work->stretches : work->arrivals)[bounce_step(way->bounces)] += 1.0;
+    work->mirrored += (way->effects & AMB_EFFECT_SURFACE_REFLECTION) != 0 ? 1.0 : 0.0;
+    work->behind += (way->effects & AMB_EFFECT_BACKGROUND) != 0 ? 1.0 : 0.0;
+}
+
 static uint32_t order_share(uint32_t order) {
     return order == 1 ? SHARE_SINGLE : order == 2 ? SHARE_DOUBLE : SHARE_MULTIPLE;
 }
 
 static void see_light(void *user, const CameraWay *way, uint32_t order, Rgb radiance) {
     const Look *look = user;
+    count(&look->result->work, way, order, false);
     if (!rgb_is_finite(radiance))
         return;
     if (way->object == UINT32_MAX) {
@@ -89,6 +102,7 @@ static void see_light(void *user, const CameraWay *way, uint32_t order, Rgb radi
 static void see_medium(void *user, const CameraWay *way, const FieldSegment *segment,
                        uint32_t order, Rgb throughput) {
     const Look *look = user;
+    count(&look->result->work, way, order, true);
     Touched *touched = touch(look->result, segment->object);
     for (uint32_t c = 0; c < LIGHT_CLASS_COUNT; ++c) {
         const Field *field = look->probe->light->fields[c];
@@ -145,6 +159,7 @@ static void add_result(EffectShares *shares, const ProbeResult *result) {
         ((double)rgb_mean(result->radiance[0]) + (double)rgb_mean(result->radiance[1]));
     shares->radiance_sum += radiance;
     shares->radiance_square_sum += radiance * radiance;
+    effect_work_add(&shares->work_sum, 0.5 * result->weight, &result->work);
     for (uint32_t e = 0; e < SHARE_COUNT; ++e) {
         Rgb all[2] = {{0, 0, 0}, {0, 0, 0}};
         for (uint32_t t = 0; t < result->touched_count; ++t) {
@@ -191,6 +206,13 @@ AmbStatus effect_shares_measure(EffectShares *shares, const EffectProbe *probe, 
     }
     memory_free(batch.results);
     return status;
+}
+
+EffectWork effect_work(const EffectShares *shares) {
+    EffectWork work = {.second = 0.0};
+    if (shares->probe_count > 0)
+        effect_work_add(&work, 1.0 / (double)shares->probe_count, &shares->work_sum);
+    return work;
 }
 
 static Share estimate(const EffectShares *shares, const ShareSum *sums, uint32_t share) {

@@ -4,6 +4,7 @@
 #ifndef AMB_PLAN_EFFECT_SHARES_H
 #define AMB_PLAN_EFFECT_SHARES_H
 
+#include "plan/effect_cost.h"
 #include "plan/light_probe.h"
 #include "plan/share.h"
 #include "plan/view.h"
@@ -32,6 +33,7 @@ typedef struct EffectShares {
     ShareSum *objects; /* by object and share: what it adds in the object's own medium, or by way of
                         * its boundary */
     double radiance_sum, radiance_square_sum;
+    EffectWork work_sum; /* over the probes */
 } EffectShares;
 
 typedef struct EffectProbe {
@@ -47,6 +49,9 @@ void effect_shares_clear(EffectShares *shares);
 /* Measures `count` more probes. */
 AmbStatus effect_shares_measure(EffectShares *shares, const EffectProbe *probe, uint64_t count,
                                 Job *job);
+
+/* Of one camera sample. */
+EffectWork effect_work(const EffectShares *shares);
 
 Share effect_share(const EffectShares *shares, uint32_t share);
 Share effect_share_of(const EffectShares *shares, uint32_t object, uint32_t share);

@@ -294,9 +294,7 @@ static AmbStatus decide_by_shares(const AmbScene *scene, const AmbRenderParams *
         if (status == AMB_OK) {
             decide_describe(&shares, plan);
             if (plan->is_automatic)
-                decide(scene, &shares,
-                       (is_clear ? CLEAR_SHARE : 1.0) *
-                           decide_omitted_max((double)params->accuracy),
+                decide(scene, &shares, (double)params->accuracy, is_clear ? CLEAR_SHARE : 1.0,
                        plan);
         }
     } else if (plan->is_automatic) {
