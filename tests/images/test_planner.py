@@ -5,13 +5,14 @@ references/make_planner_shares.py), and what a scene must never be charged for."
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from api import handles, library
-from planner_scenes import SCENES, PlannerScene
+from planner_scenes import SCENES, PlannerScene, spot
 from planner_shares import (
     BOUNCES,
     COUNTS,
@@ -162,6 +163,23 @@ def test_nothing_costs_nothing() -> None:
     assert not any(matched[name]["simulated"] for name in (*COUNTS, "surface reflection"))
     away = effects(explain(BY_NAME["lamp turned away"]))
     assert not away["light-side internal reflection"]["simulated"]
+
+
+def test_a_lamp_that_lights_nothing_builds_no_field() -> None:
+    """Light in media is of the surroundings alone then, or there is none."""
+    scene = BY_NAME["lamp turned away"]
+    settings = {"samples": 1, "effects_are_auto": 1}
+    (image,), report = render_passes(scene, 16, **settings)
+    assert report["light"]["rays"] == report["light"]["tubes"] == 0
+    assert report["estimator_reason"] == "no lamp lights an object"
+    assert effects(report)["single scattering"]["simulated"] and image.max() > 0
+    _, report = render_passes(replace(scene, world=0.0), 16, **settings)
+    for name in ORDERS:
+        assert effects(report)[name]["reason"] == "no lamp lights an object"
+    # One that sees the object by an edge of its cone does.
+    aside = replace(scene, lamps=(spot((3.0, 0.0, 2.0), (-2.0, 0.0, -2.5)),))
+    _, report = render_passes(aside, 16, **settings)
+    assert report["light"]["rays"] + report["light"]["tubes"] > 0
 
 
 def test_low_albedo_stops_at_the_first_order() -> None:

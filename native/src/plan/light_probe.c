@@ -113,6 +113,9 @@ AmbStatus light_probe_create(const AmbScene *scene, const LightProbeParams *para
                        .is_strewn = is_strewn(&light)};
     add_flux(scene, &light, out_probe);
     const double flux = sum_flux(out_probe, 0, LIGHT_CLASS_COUNT - 1);
+    /* A lamp inside an object lights it without arriving. */
+    const double *incident = light.tally.incident;
+    out_probe->is_dark = !(incident[0] + incident[1] + incident[2] + flux > 0.0);
     out_probe->problems.is_veiled = out_probe->flux[LIGHT_CLASS_PASSED] > VEILED_PART * flux;
     out_probe->problems.is_trapped =
         sum_flux(out_probe, bounce_step(3), BOUNCE_STEP_COUNT - 1) > TRAPPED_PART * flux;

@@ -19,6 +19,7 @@ enum { LIGHT_CLASS_PASSED = BOUNCE_STEP_COUNT, LIGHT_CLASS_COUNT };
 
 typedef struct LightProbe {
     double flux[LIGHT_CLASS_COUNT]; /* W, all channels, that enters media and interacts there */
+    bool is_dark;                   /* no ray of a lamp brings light to an object */
     MeshProblems problems;
     Field *fields[LIGHT_CLASS_COUNT]; /* NULL: no light of this kind, or not asked for */
 } LightProbe;

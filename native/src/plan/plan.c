@@ -163,9 +163,10 @@ static PlanEffect plan_world(const AmbScene *scene, const AmbRenderParams *param
 /* Whether the effects gather light of lamps in media. */
 static bool needs_field(const AmbScene *scene, const Plan *plan) {
     const PlanEffect *effects = plan->effects;
-    return scene_has_lamp(scene) && (effects[PLAN_SINGLE_SCATTERING].is_simulated ||
-                                     effects[PLAN_DOUBLE_SCATTERING].is_simulated ||
-                                     effects[PLAN_MULTIPLE_SCATTERING].is_simulated);
+    return scene_has_lamp(scene) && !plan->is_dark &&
+           (effects[PLAN_SINGLE_SCATTERING].is_simulated ||
+            effects[PLAN_DOUBLE_SCATTERING].is_simulated ||
+            effects[PLAN_MULTIPLE_SCATTERING].is_simulated);
 }
 
 /* What the switches allow and the scene's description does not rule out. */
@@ -320,6 +321,24 @@ static void skip_dependent(const AmbScene *scene, Plan *plan) {
     }
 }
 
+/* Lamps are turned away from all objects, or hidden from them. */
+static void skip_dark(Plan *plan) {
+    static const uint32_t of_lamps[] = {PLAN_LIGHT_BOUNCES, PLAN_TRANSMITTED_LIGHT};
+    static const uint32_t of_all[] = {PLAN_SINGLE_SCATTERING, PLAN_DOUBLE_SCATTERING,
+                                      PLAN_MULTIPLE_SCATTERING};
+    plan->is_dark = true;
+    for (uint32_t i = 0; i < sizeof of_lamps / sizeof of_lamps[0]; ++i) {
+        PlanEffect *effect = &plan->effects[of_lamps[i]];
+        if (effect->is_simulated)
+            *effect = plan_skipped(effect->name, "no lamp lights an object");
+    }
+    for (uint32_t i = 0; i < sizeof of_all / sizeof of_all[0]; ++i) {
+        PlanEffect *effect = &plan->effects[of_all[i]];
+        if (effect->is_simulated && !plan->effects[PLAN_WORLD_LIGHT].is_simulated)
+            *effect = plan_skipped(effect->name, "no lamp lights an object");
+    }
+}
+
 static AmbStatus settle_effects(const AmbScene *scene, const AmbRenderParams *params,
                                 const PlanCrop *crop, bool explains, Job *job, Plan *plan,
                                 MeshProblems *out_problems) {
@@ -339,6 +358,8 @@ static AmbStatus settle_effects(const AmbScene *scene, const AmbRenderParams *pa
             .seed = params->seed};
         AMB_TRY(light_probe_create(scene, &probe, job, &light));
     }
+    if (light.is_dark && plan->has_field && plan->is_automatic)
+        skip_dark(plan);
     AmbStatus status = AMB_OK;
     if (is_measured)
         status = decide_by_shares(scene, params, crop, &light, job, plan);

@@ -46,6 +46,7 @@ typedef struct PlanObject {
 
 typedef struct Plan {
     PlanEffect effects[PLAN_EFFECT_COUNT];
+    bool is_dark;        /* no ray of a lamp brings light to an object */
     bool has_field;      /* an effect gathers light of lamps in media */
     PlanObject *objects; /* by object and effect, object_count * PLAN_EFFECT_COUNT; owned */
     bool *targets;       /* by object: light is traced to it; owned */

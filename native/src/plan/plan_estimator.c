@@ -125,7 +125,7 @@ AmbStatus plan_estimator(const AmbScene *scene, const AmbRenderParams *params,
     if (!plan->has_field) {
         if (plan->estimator == AMB_ESTIMATOR_AUTO)
             plan->estimator = AMB_ESTIMATOR_POINTS_COVARIANCE;
-        plan->estimator_reason = "nothing scatters";
+        plan->estimator_reason = plan->is_dark ? "no lamp lights an object" : "nothing scatters";
         return AMB_OK;
     }
     if (plan->estimator == AMB_ESTIMATOR_POINTS_FIXED ||
