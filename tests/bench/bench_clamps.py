@@ -5,9 +5,10 @@ checkout, and the same render with the same random numbers is compared.
 
     python3 tests/bench/bench_clamps.py [NAME ...]
 
-Prints for each bound what it is, what it was moved to, how far the mean of the picture moved, and
-the root of the mean squared change of its pixels over the mean. Bounds on time, on memory and
-against rounding at the ends of a range (cosines, probabilities) are not in the table.
+Prints for each bound what it is, what it was moved to, how far the mean of the picture moved, how
+far it would if pixels changed at random as much as they did, and the root of the mean squared
+change of pixels over the mean. Bounds on time, on memory and against rounding at the ends of a
+range (cosines, probabilities) are not in the table.
 """
 
 from __future__ import annotations
@@ -38,6 +39,9 @@ class Clamp:
 
 
 POINTS = ("points", "fixed")
+# The same with eight times as many samples of the light, or 32 times as many of the camera.
+MORE_POINTS = ("points x8",)
+MORE_CAUSTICS = ("caustics fine",)
 CLAMPS = (
     Clamp("cosine behind a boundary, footprints", "optics/tangent.h",
           "fmaxf(cos_t, 1e-3f)", "fmaxf(cos_t, 1e-4f)", (*POINTS, "caustics"),
@@ -64,7 +68,7 @@ CLAMPS = (
           "SLOPE_MAX = 4.0f", "SLOPE_MAX = 16.0f", POINTS,
           "how far kernels reach past the boundary that cuts their rays"),
     Clamp("cross-section of kernels", "field/points/points.c",
-          "AREA_MAX = 4.0f", "AREA_MAX = 16.0f", POINTS,
+          "AREA_MAX = 4.0f", "AREA_MAX = 16.0f", (*POINTS, *MORE_POINTS),
           "in units of the mean: wider ones blur, narrower ones show noise"),
     Clamp("reach of tubes", "field/tubes/tubes.c",
           "LIMIT_MAX = 4.0f", "LIMIT_MAX = 16.0f", ("tubes",), "in radii of the object"),
@@ -78,7 +82,7 @@ CLAMPS = (
           "COS_T_MIN = 1e-6", "COS_T_MIN = 1e-7", ("specular",),
           "Snell's derivative in the search for solutions"),
     Clamp("eccentricity of caustic kernels", "field/caustics/caustics.c",
-          "ECCENTRICITY_MAX = 128.0f", "ECCENTRICITY_MAX = 512.0f", ("caustics",),
+          "ECCENTRICITY_MAX = 128.0f", "ECCENTRICITY_MAX = 512.0f", ("caustics", *MORE_CAUSTICS),
           "length to width"),
     Clamp("least axis of caustic kernels", "field/caustics/caustics.c",
           "AXIS_MIN = 0.005f", "AXIS_MIN = 0.0025f", ("caustics",),
@@ -91,6 +95,29 @@ CLAMPS = (
     Clamp("optical depth of photons", "field/scatter/scatter_cells.c",
           "DEPTH_MAX = 9.0f", "DEPTH_MAX = 12.0f", ("photons",),
           "exp(-9) of the light from there is left"),
+    Clamp("sharpest kernel of a lobe", "field/scatter/lobe.c",
+          "SHARPEST = 0.98", "SHARPEST = 0.99", ("sharp photons", "photons"),
+          "Poisson's kernel beside its zeros"),
+    Clamp("least of a lobe", "field/scatter/lobe.c",
+          "FLOOR = 1e-3", "FLOOR = 1e-4", ("sharp photons",), "lobes of few degrees stay positive"),
+    Clamp("growth of cells beside a lamp", "light/light_trace.c",
+          "GROWTH_MAX = 16.0f", "GROWTH_MAX = 64.0f", ("near x64",),
+          "how much a light's cell may grow along its beam"),
+    Clamp("least flux on its way to surfaces", "light/light_trace.c",
+          "FLUX_MIN_LANDING = 1e-4f", "FLUX_MIN_LANDING = 1e-5f", ("caustics",),
+          "share of the ray's flux"),
+    Clamp("faces whose photons mix", "field/caustics/caustic_tree.c",
+          "NORMAL_COS_MIN = 0.5f", "NORMAL_COS_MIN = 0.25f", ("caustics",),
+          "cosine between their normals"),
+    Clamp("halvings of a piece", "field/specular/specular_gather.c",
+          "HALVINGS_MAX = 1 << 10", "HALVINGS_MAX = 1 << 12", ("specular", "dense specular"),
+          "where a curve takes more, rounding decides"),
+    Clamp("halvings for turns", "field/specular/specular_gather.c",
+          "TURN_HALVINGS_MAX = 512", "TURN_HALVINGS_MAX = 2048", ("specular", "dense specular"),
+          "places where light and view turn over"),
+    Clamp("cosine of the lens", "scene/camera.c",
+          "COS_AXIS_MIN = 1e-12", "COS_AXIS_MIN = 1e-9", ("lens",),
+          "clipping planes of rays along the lens"),
     Clamp("walks far from their object", "camera/scatter_walk.c",
           "LOST_RADII = 16.0f", "LOST_RADII = 64.0f", ("walk",), "holes of meshes"),
 )  # fmt: skip
@@ -103,39 +130,75 @@ def measure(scene: str) -> np.ndarray:
     sys.path.insert(0, str(Path(__file__).resolve().parent))
     sys.path.insert(0, str(ROOT / "tests/images"))
     import bench_caustics
-    from api import Medium, _ffi, add_body, add_point, render, set_perspective
+    from api import (
+        BuildScene,
+        Medium,
+        _ffi,
+        add_body,
+        add_point,
+        handles,
+        look,
+        render,
+        set_perspective,
+    )  # fmt: skip
     from bumpy import EYE, FOV, UP, bumpy
     from meshes import bumpy_sphere
     from ref_bumpy import bumpy_scene
 
     settings = {"samples": 4, "seed": 1, "threads": 1}
-    if scene == "caustics":
+    scene, _, more_samples = scene.partition(" x")
+    times = int(more_samples or 1)
+    if scene.startswith("caustics"):
+        settings["samples"] = 128 if scene == "caustics fine" else 4
         return render(
             lambda handle: bench_caustics.build(handle, "bumpy"), 32, "Surface",
-            effects=_ffi.AMB_EFFECT_CAUSTICS, light_samples=2**17, **settings,
+            effects=_ffi.AMB_EFFECT_CAUSTICS, light_samples=times * 2**17, **settings,
         ).pixels  # fmt: skip
 
-    def dense(handle):  # noqa: ANN001, ANN202
-        case = bumpy_scene(bumpy_sphere(4))
-        add_body(handle, case.mesh, Medium(1.5, 20.0, 1.0))
-        add_point(handle, case.light, case.intensity)
-        set_perspective(handle, (0.0, 0.0, EYE), (0.0, 0.0, -1.0), UP, FOV)
+    case = bumpy_scene(bumpy_sphere(4))
+
+    def thick(g: float = 0.0, lamp_share: float = 1.0) -> BuildScene:
+        """A dense body, its lamp at this share of its distance."""
+
+        def build(handle: handles.Scene) -> None:
+            add_body(handle, case.mesh, Medium(1.5, 20.0, 1.0, g))
+            add_point(handle, lamp_share * np.asarray(case.light), case.intensity)
+            set_perspective(handle, (0.0, 0.0, EYE), (0.0, 0.0, -1.0), UP, FOV)
+
+        return build
+
+    def lens(handle: handles.Scene) -> None:
+        bumpy(4)(handle)
+        half = np.tan(FOV / 2)
+        handle.set_camera(
+            _ffi.AMB_CAMERA_PERSPECTIVE, look((0.0, 0.0, EYE), (0.0, 0.0, -1.0), UP).tolist(),
+            window=(-half, half, -half, half), clip_start=1e-3, clip_end=1e3, lens_radius=0.1,
+            focus_distance=EYE,
+        )  # fmt: skip
 
     later = _ffi.AMB_EFFECT_DOUBLE_SCATTERING | _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
+    photons = {"scatter_estimator": 2, "effects": later}
+    # A hundredth of the radius above the surface.
+    distance = float(np.linalg.norm(case.light))
+    near = 1.01 * (case.mesh.positions @ case.light).max() / distance**2
     scenes = {
         "points": (bumpy(4), _ffi.AMB_ESTIMATOR_POINTS_COVARIANCE, {"light_bounces": 1}),
         "fixed": (bumpy(4), _ffi.AMB_ESTIMATOR_POINTS_FIXED, {"light_bounces": 1}),
-        "dense": (dense, _ffi.AMB_ESTIMATOR_POINTS_FIXED, {}),
+        "lens": (lens, _ffi.AMB_ESTIMATOR_POINTS_FIXED, {}),
+        "near": (thick(lamp_share=near), _ffi.AMB_ESTIMATOR_POINTS_COVARIANCE, {}),
+        "dense": (thick(), _ffi.AMB_ESTIMATOR_POINTS_FIXED, {}),
         "tubes": (bumpy(4), _ffi.AMB_ESTIMATOR_TUBES, {"light_bounces": 1}),
         "specular": (bumpy(3), _ffi.AMB_ESTIMATOR_SPECULAR, {}),
-        "photons": (dense, _ffi.AMB_ESTIMATOR_TUBES, {"scatter_estimator": 2, "effects": later}),
-        "walk": (dense, _ffi.AMB_ESTIMATOR_TUBES, {"scatter_estimator": 1, "effects": later}),
+        "dense specular": (thick(), _ffi.AMB_ESTIMATOR_SPECULAR, {}),
+        "photons": (thick(), _ffi.AMB_ESTIMATOR_TUBES, photons),
+        "sharp photons": (thick(0.99), _ffi.AMB_ESTIMATOR_TUBES, photons),
+        "walk": (thick(), _ffi.AMB_ESTIMATOR_TUBES, {"scatter_estimator": 1, "effects": later}),
     }
     build, estimator, more = scenes[scene]
     name = "Multiple Scattering" if "effects" in more else "Single Scattering"
-    size = 16 if scene in ("specular", "walk") else 32
+    size = 16 if scene in ("specular", "dense specular", "walk") else 32
     return render(
-        build, size, name, estimator=estimator, light_samples=2**15, **(settings | more)
+        build, size, name, estimator=estimator, light_samples=times * 2**15, **(settings | more)
     ).pixels
 
 
@@ -171,7 +234,8 @@ def main() -> None:
             shutil.copytree(source, target) if source.is_dir() else shutil.copy(source, target)
         library = compile_library(folder)
         usual: dict[str, np.ndarray] = {}
-        print("| bound | where | moved to | render | mean | pixels |\n|---|---|---|---|---|---|")
+        print("| bound | where | moved to | render | mean | noise of it | pixels |")
+        print("|---|---|---|---|---|---|---|")
         for clamp in CLAMPS:
             if sys.argv[1:] and clamp.name not in sys.argv[1:]:
                 continue
@@ -187,9 +251,13 @@ def main() -> None:
                 moved, before = picture(library, scene, folder), usual[scene]
                 mean = moved.mean() / before.mean() - 1
                 change = np.sqrt(np.mean((moved - before) ** 2)) / before.mean()
+                noise = (moved - before).std() / before.mean() / np.sqrt(before.shape[0] ** 2)
+                value = clamp.new.split("= ")[-1].split(", ")[-1].split(" ")[-1]
+                if "<<" in clamp.new:
+                    value = clamp.new.split("= ")[-1]
                 print(
                     f"| {clamp.name}: {clamp.meaning} | `{clamp.file}`: `{clamp.old}` | "
-                    f"`{clamp.new.split(' ')[-1]}` | {scene} | {mean:.1e} | {change:.1e} |",
+                    f"`{value}` | {scene} | {mean:.1e} | {noise:.0e} | {change:.1e} |",
                     flush=True,
                 )
             path.write_text(text)
