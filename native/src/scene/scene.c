@@ -2,6 +2,7 @@
  * Placing meshes in the world, and asking rays about them. */
 #include "scene/scene.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/memory.h"
@@ -221,24 +222,71 @@ static void bound_scene(AmbScene *scene) {
     }
 }
 
-/* Boxes that meet, with room for what rounding moves and scene_leave skips. */
+/* What rounding moves and scene_leave skips, beside coordinates of this box. */
+static float room_around(const SceneObject *object) {
+    const Vec3 far = vec3_max(vec3_negate(object->low), object->high);
+    return 1e-5f * fmaxf(fmaxf(far.x, far.y), far.z);
+}
+
 static bool boxes_meet(const SceneObject *a, const SceneObject *b) {
-    const Vec3 far =
-        vec3_max(vec3_max(vec3_negate(a->low), a->high), vec3_max(vec3_negate(b->low), b->high));
-    const float room = 1e-5f * fmaxf(fmaxf(far.x, far.y), far.z);
+    const float room = fmaxf(room_around(a), room_around(b));
     return a->low.x <= b->high.x + room && b->low.x <= a->high.x + room &&
            a->low.y <= b->high.y + room && b->low.y <= a->high.y + room &&
            a->low.z <= b->high.z + room && b->low.z <= a->high.z + room;
 }
 
+/* An object by where it begins along an axis. */
+typedef struct Beginning {
+    float low, high;
+    uint32_t object;
+} Beginning;
+
+static int compare_beginnings(const void *a, const void *b) {
+    const float x = ((const Beginning *)a)->low, y = ((const Beginning *)b)->low;
+    return (x > y) - (x < y);
+}
+
 /* Only boundaries ask what touches them. */
-static void find_neighbours(AmbScene *scene) {
-    for (uint32_t i = 0; i < scene->object_count; ++i)
-        for (uint32_t k = 0; k < scene->object_count && scene->objects[i].is_boundary; ++k)
-            if (k != i && boxes_meet(&scene->objects[i], &scene->objects[k])) {
-                scene->objects[i].may_touch = true;
-                break;
+static AmbStatus find_neighbours(AmbScene *scene) {
+    Beginning *order = memory_alloc_array(scene->object_count, sizeof *order);
+    if (order == NULL && scene->object_count > 0)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for %u objects", scene->object_count);
+    Vec3 low = vec3(INFINITY, INFINITY, INFINITY), high = vec3_negate(low);
+    float room = 0.0f;
+    for (uint32_t i = 0; i < scene->object_count; ++i) {
+        const SceneObject *object = &scene->objects[i];
+        if (!(object->low.x <= object->high.x))
+            continue;
+        low = vec3_min(low, object->low);
+        high = vec3_max(high, object->low);
+        room = fmaxf(room, room_around(object));
+    }
+    /* Along the axis where they are spread most, few begin before another ends. */
+    const Vec3 spread = vec3_sub(high, low);
+    const bool is_x = spread.x >= spread.y && spread.x >= spread.z, is_y = spread.y >= spread.z;
+    for (uint32_t i = 0; i < scene->object_count; ++i) {
+        const Vec3 a = scene->objects[i].low, b = scene->objects[i].high;
+        order[i] = is_x   ? (Beginning){a.x, b.x, i}
+                   : is_y ? (Beginning){a.y, b.y, i}
+                          : (Beginning){a.z, b.z, i};
+    }
+    if (scene->object_count > 1)
+        qsort(order, scene->object_count, sizeof *order, compare_beginnings);
+    for (uint32_t i = 0; i < scene->object_count; ++i) {
+        SceneObject *a = &scene->objects[order[i].object];
+        for (uint32_t k = i + 1; k < scene->object_count && order[k].low <= order[i].high + room;
+             ++k) {
+            SceneObject *b = &scene->objects[order[k].object];
+            const bool asks_a = a->is_boundary && !a->may_touch;
+            const bool asks_b = b->is_boundary && !b->may_touch;
+            if ((asks_a || asks_b) && boxes_meet(a, b)) {
+                a->may_touch |= asks_a;
+                b->may_touch |= asks_b;
             }
+        }
+    }
+    memory_free(order);
+    return AMB_OK;
 }
 
 static AmbStatus add_world_lamp(AmbScene *scene, const WorldLamp *lamp) {
@@ -331,6 +379,8 @@ static AmbStatus place_all(AmbScene *scene) {
     for (uint32_t i = 0; i < scene->object_count && status == AMB_OK; ++i)
         status = place_object(scene, &scene->objects[i], origin);
     if (status == AMB_OK)
+        status = find_neighbours(scene);
+    if (status == AMB_OK)
         status = light_from_world(scene);
     if (status != AMB_OK) {
         return_lamps(scene);
@@ -339,7 +389,6 @@ static AmbStatus place_all(AmbScene *scene) {
         return status;
     }
     bound_scene(scene);
-    find_neighbours(scene);
     for (uint32_t i = 0; i < scene->light_count; ++i)
         scene->lights[i].position = moved(scene->lights[i].position, origin);
     place_camera(scene);

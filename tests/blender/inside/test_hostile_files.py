@@ -134,7 +134,7 @@ def test_groups_within_themselves(tree, outcome):
 
 def test_chain_of_nodes(tree, outcome):
     at = tree.nodes[0]
-    for _ in range(5000 if LONG else 400):
+    for _ in range(1500 if LONG else 400):
         at = add_node(tree, "AddShader", at)
     add_node(tree, "BsdfGlass", at)
     assert outcome().endswith("its nodes are too many in a row")
@@ -143,7 +143,7 @@ def test_chain_of_nodes(tree, outcome):
 def test_many_nodes(tree, outcome):
     """A sum of many media."""
     level = [(tree.nodes[0], 1)]
-    for _ in range(12 if LONG else 8):
+    for _ in range(10 if LONG else 8):
         nodes = [add_node(tree, "AddShader", node, socket) for node, socket in level]
         level = [(node, socket) for node in nodes for socket in range(2)]
     for node, socket in level:
