@@ -12,6 +12,9 @@
 enum { SAMPLES_FIRST = 4, SAMPLES_MEAN_MAX = 4096 };
 /* A round aims at this part of the noise wanted. */
 static const double NOISE_MARGIN = 0.97;
+/* A round has this part of the samples so far at least: to measure the noise and to plan costs what
+ * tens of samples of a simple picture do. */
+static const double ROUND_MIN = 1.0 / 32.0;
 /* Where what samples do not change leaves the noise less of the target's square than this, they do
  * not try: they would be ten times as many as a target has that is in reach. */
 static const double SPARE_MIN = 0.1;
@@ -136,12 +139,12 @@ static AmbStatus run_rounds(AmbRender *render, const Field *field, Survey *surve
         double aims[ACCURACY_SET_MAX] = {0.0};
         if (is_calm(accuracy, aims))
             break;
-        /* The plan may find enough where the measure does not: then it aims lower. */
+        /* The plan may find enough, or nearly, where the measure does not: then it aims lower. */
         do {
             for (uint32_t s = 0; s < accuracy->set_count; ++s)
                 aims[s] *= NOISE_MARGIN;
             AMB_TRY(survey_plan_round(survey, aims, &given, &missing));
-        } while (given == 0);
+        } while ((double)given < ROUND_MIN * done);
         if (done + (double)given > (double)SAMPLES_MEAN_MAX * (double)pixels) {
             accuracy->limit = "noise: 4096 samples per pixel are the most";
             break;
