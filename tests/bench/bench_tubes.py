@@ -3,6 +3,7 @@
 never asserts.
 
     python3 tests/bench/bench_tubes.py [growth] [views] [error] [--threads 2] [--log2-samples 24]
+        [--first-log2 15] [--kernels 0.125 0.25 0.5 1 2 4]
     python3 tests/bench/bench_tubes.py scans --meshes DIR
 
 Errors are along the same camera rays as the references', 256^2 pixels, 4 samples each; bumpy.py
@@ -58,6 +59,15 @@ class Row:
     bytes: int
 
 
+@dataclass(frozen=True)
+class Sweep:
+    """Kernels and numbers of volume samples that points are tried with."""
+
+    kernels: Sequence[float]
+    first_log2: int
+    last_log2: int
+
+
 class View:
     """Renders one view and judges what it renders."""
 
@@ -87,13 +97,13 @@ class View:
         return [self.measure("TUBES", f"refinement {r}", level=r) for r in range(-2, refinements)]
 
     def points(
-        self, estimator: str, error: str, target: float, last_log2: int
+        self, estimator: str, error: str, target: float, sweep: Sweep
     ) -> dict[float, list[Row]]:
         """For each kernel, budgets up to the first with which some kernel reaches the target:
         more samples cost more with any kernel."""
-        curves: dict[float, list[Row]] = {kernel: [] for kernel in KERNELS}
-        hopeful = set(KERNELS)
-        for log2 in range(FIRST_LOG2, last_log2 + 1):
+        curves: dict[float, list[Row]] = {kernel: [] for kernel in sweep.kernels}
+        hopeful = set(sweep.kernels)
+        for log2 in range(sweep.first_log2, sweep.last_log2 + 1):
             for kernel in sorted(hopeful):
                 setting = f"2^{log2}, C_k {kernel:g}"
                 curves[kernel].append(self.measure(estimator, setting, 2**log2, kernel))
@@ -255,14 +265,14 @@ def scans(threads: int, folder: Path) -> None:
 # ---- Views along the light -----------------------------------------------------------------------
 
 
-def views(threads: int, last_log2: int) -> None:
+def views(threads: int, sweep: Sweep) -> None:
     for place in (bumpy.FRONT_LIT, bumpy.BACK_LIT):
         view = View(place, threads)
         angle = np.degrees(bumpy.ASIDE)
         print(f"\n## {view.name}, {angle:g} degrees off the light, {threads} thread(s)\n")
         tubes = view.tubes(2)
-        fixed = view.points("POINTS_FIXED", "floored_rel", VIEW_TARGET, last_log2)
-        covariance = view.points("POINTS_COVARIANCE", "floored_rel", VIEW_TARGET, last_log2)
+        fixed = view.points("POINTS_FIXED", "floored_rel", VIEW_TARGET, sweep)
+        covariance = view.points("POINTS_COVARIANCE", "floored_rel", VIEW_TARGET, sweep)
         both = [row for curves in (fixed, covariance) for rows in curves.values() for row in rows]
         print_rows([*tubes, *both], view.rays)
         print(f"\nThe camera rays alone: {view.rays:.3f} CPU s (bar of TUBES over fixed: 10).\n")
@@ -273,12 +283,12 @@ def views(threads: int, last_log2: int) -> None:
 # ---- Equal error ---------------------------------------------------------------------------------
 
 
-def equal_error(threads: int, last_log2: int) -> None:
+def equal_error(threads: int, sweep: Sweep) -> None:
     view = View(bumpy.SIDE_LIT, threads)
     print(f"\n## Side-lit, {threads} thread(s)\n")
     tubes = view.tubes(3)
-    fixed = view.points("POINTS_FIXED", "rel_rmse", min(TARGETS), last_log2)
-    covariance = view.points("POINTS_COVARIANCE", "rel_rmse", min(TARGETS), last_log2)
+    fixed = view.points("POINTS_FIXED", "rel_rmse", min(TARGETS), sweep)
+    covariance = view.points("POINTS_COVARIANCE", "rel_rmse", min(TARGETS), sweep)
     specular = view.specular()
     both = [row for curves in (fixed, covariance) for rows in curves.values() for row in rows]
     print_rows([*tubes, *([specular] if specular else []), *both], view.rays)
@@ -341,6 +351,10 @@ def main() -> None:
     parser.add_argument(
         "--log2-samples", type=int, default=24, help="most volume samples of points (24: 1 GB)"
     )
+    parser.add_argument("--first-log2", type=int, default=FIRST_LOG2, help="and fewest")
+    parser.add_argument(
+        "--kernels", type=float, nargs="+", default=KERNELS, help="C_k that points are tried with"
+    )
     parser.add_argument("--meshes", type=Path, help="folder of bunny.obj and buddha.obj, for scans")
     arguments = parser.parse_args()
     if not LIBRARY.is_file():
@@ -348,12 +362,13 @@ def main() -> None:
     chosen = arguments.parts or parts[:3]
     if "scans" in chosen and arguments.meshes is None:
         parser.error("scans need --meshes")
+    sweep = Sweep(arguments.kernels, arguments.first_log2, arguments.log2_samples)
     if "growth" in chosen:
         growth(arguments.threads)
     if "error" in chosen:
-        equal_error(arguments.threads, arguments.log2_samples)
+        equal_error(arguments.threads, sweep)
     if "views" in chosen:
-        views(arguments.threads, arguments.log2_samples)
+        views(arguments.threads, sweep)
     if "scans" in chosen:
         scans(arguments.threads, arguments.meshes)
 

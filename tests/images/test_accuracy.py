@@ -43,6 +43,7 @@ def test_stated_error_is_the_true_one() -> None:
                     pair = (estimator, ESTIMATORS[estimator])
                     runs.append(honesty.run(build, truth, name, pair, target, seed))
     table = "\n".join(map(str, runs))
+    print(f"\n{table}")  # with -s
     assert len(runs) == 60
     for run in runs:
         assert run.report["accuracy"]["reached"] and run.stated <= run.target, table
@@ -71,6 +72,7 @@ def test_stated_error_sees_photons() -> None:
                 assert accuracy["reached"], run
                 assert 0.3 * run.stated < accuracy["scatter"] < target
     table = "\n".join(map(str, runs))
+    print(f"\n{table}")  # with -s
     assert min(honesty.share_within(runs)) == 1, table
     bare = [
         np.hypot(run.report["accuracy"]["noise"], run.report["accuracy"]["field"]) for run in runs
@@ -96,6 +98,7 @@ def test_stated_error_sees_caustics() -> None:
                 )
                 runs.append(run)
     table = "\n".join(map(str, runs))
+    print(f"\n{table}")  # with -s
     for run in runs:
         assert run.report["accuracy"]["reached"] and run.stated <= run.target, table
         shares = {e["name"]: e["measured"] for e in run.report["effects"]}
