@@ -100,11 +100,17 @@ def test_white_furnace() -> None:
     assert 0.8 < scattered < 1.0
 
 
-def lamp(optical_radius: float, albedo: float, g: float, mesh: Mesh = BALL) -> Any:  # noqa: ANN401
+def lamp(
+    optical_radius: float,
+    albedo: float,
+    g: float,
+    mesh: Mesh = BALL,
+    place: tuple[float, float, float] = (4, 2, 3),
+) -> Any:  # noqa: ANN401
     def build(scene: handles.Scene) -> None:
         sigma = optical_radius
         add_body(scene, mesh, Medium(1.5, sigma * albedo, sigma * (1 - albedo), g))
-        add_point(scene, (4, 2, 3), 100.0)
+        add_point(scene, place, 100.0)
         set_perspective(scene, (0, 0, 5), (0, 0, -1), (0, 1, 0), 0.35)
 
     return build
@@ -115,6 +121,7 @@ def lamp(optical_radius: float, albedo: float, g: float, mesh: Mesh = BALL) -> A
     [
         pytest.param(lamp(2.0, 0.9, 0.0), 32, id="thin"),
         pytest.param(lamp(6.0, 0.8, 0.5), 24, id="forward"),
+        pytest.param(lamp(3.0, 0.9, 0.8, place=(4, 2, -3)), 32, id="sharp"),
         pytest.param(lamp(5.0, 0.9, 0.0, box((-0.6, -0.5, -0.7), (0.6, 0.7, 0.5))), 24, id="box"),
     ],
 )
@@ -143,11 +150,13 @@ def test_flat_walls_against_the_tracer() -> None:
         assert photons[k] == pytest.approx(mean, abs=3.5 * both + 0.015 * mean), names
 
 
-def test_surroundings_against_walks() -> None:
-    """Light of the world and of a lit floor, of all orders."""
+@pytest.mark.parametrize("g", [0.0, 0.85])
+def test_surroundings_against_walks(g: float) -> None:
+    """Light of the world and of a lit floor, of all orders; the peak of a sharp lobe looks at them
+    straight through the medium."""
 
     def build(scene: handles.Scene) -> None:
-        add_body(scene, BALL, Medium(1.4, 4.0, 0.4, 0.0))
+        add_body(scene, BALL, Medium(1.4, 4.0, 0.4, g))
         floor = scene.add_material("floor", surface=_ffi.AMB_SURFACE_DIFFUSE, albedo=rgb(0.7))
         plate = box((-4, -4, -1.6), (4, 4, -1.3))
         shape = scene.add_mesh("floor", plate.positions, plate.triangles)
@@ -157,7 +166,7 @@ def test_surroundings_against_walks() -> None:
         set_perspective(scene, (0, -5, 0), (0, 1, 0), (0, 0, 1), 0.3)
 
     effects = SINGLE | DOUBLE | MULTIPLE | WORLD
-    walk, error = walk_means(build, 12, samples=96, effects=effects)
+    walk, error = walk_means(build, 12, samples=96 if g == 0.0 else 240, effects=effects)
     photons = means(build, 12, scatter_estimator=PHOTONS, samples=4, effects=effects)
     for k in range(3):
         assert photons[k] == pytest.approx(walk[k], abs=3.5 * error[k] + 0.015 * walk[k]), k

@@ -14,6 +14,7 @@ typedef struct Branch {
     Rgb throughput;
     MediumStack stack;
     CameraWay way;  /* so far */
+    Rgb forward;    /* optical depth so far of what photons' media scatter straight on */
     uint32_t depth; /* boundaries so far */
 } Branch;
 
@@ -86,9 +87,14 @@ static void pass_medium(Walker *walker, Branch *branch, float length) {
     /* What the walls reflect goes on in the walk of the first stretch. */
     if (branch->way.bounces == 0 && walk_is_wanted(walker->params) && medium_scatters(medium)) {
         walker->way = branch->way;
-        walk_scatter(walker, branch->o, branch->d, &branch->stack, branch->throughput);
+        walk_scatter(walker, branch->o, branch->d, &branch->stack, branch->throughput,
+                     branch->forward);
     }
     branch->throughput = rgb_mul(branch->throughput, medium_transmittance(medium, segment.length));
+    if (walker->params->scatter != NULL)
+        branch->forward =
+            rgb_madd(branch->forward, scatter_forward(walker->params->scatter, segment.object),
+                     rgb(segment.length, segment.length, segment.length));
 }
 
 /* Adds light that arrives at the end of the branch. */
@@ -99,6 +105,8 @@ static void see_surface(Walker *walker, const Branch *branch, Rgb radiance) {
     else
         walker->out->surface = rgb_add(walker->out->surface, arriving);
     walker_note(walker, &branch->way, arriving);
+    if (walker->observer == NULL)
+        walk_see_straight(walker, &branch->way, branch->forward, arriving);
 }
 
 static void follow(Walker *walker, Branch branch);
@@ -122,6 +130,7 @@ static void follow_next(Walker *walker, const Branch *from, const SurfacePoint *
                             .throughput = throughput,
                             .stack = *stack,
                             .way = way,
+                            .forward = from->forward,
                             .depth = from->depth + 1});
 }
 

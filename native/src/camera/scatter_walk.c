@@ -22,6 +22,7 @@ typedef struct Walk {
     float begin;     /* rgb_max of the throughput at the start */
     uint32_t order;  /* scatterings so far */
     uint32_t still;  /* flights until now that moved nothing */
+    Rgb forward;     /* optical depth so far of what scatters straight on; see scatter_gather */
     bool is_its_own; /* false: branches of the camera path go where this one refracts */
 } Walk;
 
@@ -249,19 +250,89 @@ static void gather(Walk *walk, float length) {
     add(walk, walk->order + 1, walker_gather(walker, segment, walk->throughput).radiance);
 }
 
+/* (exp(x) - 1, exp(x) - 1 - x) by channel: light that goes straight on once and more, and twice and
+ * more. */
+static Rgb forward_some(Rgb x) {
+    return rgb(expm1f(x.r), expm1f(x.g), expm1f(x.b));
+}
+
+static float several(float x) {
+    return x < 0.05f ? x * x * (0.5f + x / 6.0f) : expm1f(x) - x;
+}
+
+static Rgb forward_several(Rgb x) {
+    return rgb(several(x.r), several(x.g), several(x.b));
+}
+
+/* Light that scattered once, straight from a lamp's, and then goes straight on: with F per metre
+ * and tau the depth of it to a place, int exp(-sigma t) w(tau(t)) Q dt = w(tau_0) G(0) + int F
+ * w'(tau(s)) exp(-sigma s) G(s) ds, G(s) what is gathered beyond s, and w = tau for order two,
+ * exp(tau) - 1 - tau for more. One s by chance, 0 with the share that the way before the segment
+ * has. */
+static void gather_straight(Walk *walk, const Medium *medium, float length, Rgb straight) {
+    Walker *walker = walk->walker;
+    const float before = rgb_max(walk->forward), along = length * rgb_max(straight);
+    if (walker->field == NULL || !(before + along > 0.0f))
+        return;
+    const float gathers = walker_gathers(walker, rgb_scale(walk->throughput, before + along));
+    if (!(gathers > 0.0f))
+        return;
+    const float chance = before / (before + along);
+    const float u = walker_random(walker);
+    Rgb twice = walk->forward, more = forward_several(walk->forward);
+    float s = 0.0f, weight = gathers;
+    if (u < chance) {
+        weight /= chance;
+    } else {
+        s = fminf((u - chance) / (1.0f - chance), 1.0f) * length;
+        twice = straight;
+        more = rgb_mul(straight, forward_some(rgb_madd(walk->forward, straight, rgb(s, s, s))));
+        weight *= length / (1.0f - chance);
+    }
+    const FieldSegment segment = {vec3_madd(walk->o, s, walk->d), walk->d,      length - s,
+                                  medium_stack_top(&walk->stack), walker->part, NULL};
+    const Rgb factor = rgb_scale(medium_transmittance(medium, s), weight);
+    if (!wants_order(walker->params, 3))
+        more = rgb(0, 0, 0);
+    const Rgb sum = rgb_mul(rgb_mul(walk->throughput, factor), rgb_add(twice, more));
+    const Rgb light = rgb_mul(factor, walker_gather(walker, segment, sum).radiance);
+    add(walk, 2, rgb_mul(light, twice));
+    add(walk, 3, rgb_mul(light, more));
+}
+
 /* The same for all that has scattered before, where it is known: then nothing is left to a walk
  * but what the walls reflect. */
-static void gather_later(Walk *walk, float length) {
+static void gather_later(Walk *walk, const Medium *medium, float length) {
     const CameraParams *params = walk->walker->params;
     const FieldSegment segment = {
         walk->o, walk->d, length, medium_stack_top(&walk->stack), walk->walker->part, NULL};
-    const ScatterRadiance radiance = scatter_gather(params->scatter, &segment);
+    const ScatterRadiance radiance = scatter_gather(params->scatter, &segment, walk->forward);
     if ((params->effects & AMB_EFFECT_WORLD_LIGHT) != 0 && wants_order(params, 1))
         add(walk, 1, radiance.once);
     if (wants_order(params, 2))
         add(walk, 2, radiance.twice);
     if (wants_order(params, 3))
         add(walk, 3, radiance.more);
+    const Rgb straight = scatter_forward(params->scatter, segment.object);
+    if (wants_order(params, 2))
+        gather_straight(walk, medium, length, straight);
+    walk->forward = rgb_madd(walk->forward, straight, rgb(length, length, length));
+}
+
+void walk_see_straight(Walker *walker, const CameraWay *way, Rgb forward, Rgb light) {
+    const CameraParams *params = walker->params;
+    if (params->scatter == NULL || (params->effects & AMB_EFFECT_WORLD_LIGHT) == 0 ||
+        !(rgb_max(forward) > 0.0f))
+        return;
+    const Rgb twice = rgb_scale(rgb_mul(forward, forward), 0.5f);
+    const Rgb more = rgb_add(forward_several(forward), rgb_scale(twice, -1.0f));
+    const Rgb orders[CAMERA_ORDER_COUNT] = {forward, twice, more};
+    for (uint32_t k = 0; k < CAMERA_ORDER_COUNT; ++k)
+        if (wants_order(params, k + 1)) {
+            const Rgb radiance = rgb_mul(light, orders[k]);
+            walker->out->orders[k] = rgb_add(walker->out->orders[k], radiance);
+            walker_note(walker, way, radiance);
+        }
 }
 
 /* So many flights in a row that moved nothing, as in photon_walk.c. */
@@ -302,7 +373,7 @@ static bool step(Walk *walk) {
     if (material != NULL) {
         transmittance = medium_transmittance(&material->medium, length);
         if (medium_scatters(&material->medium) && walker->params->scatter != NULL) {
-            gather_later(walk, length);
+            gather_later(walk, &material->medium, length);
         } else if (medium_scatters(&material->medium)) {
             gather(walk, length);
             /* One more is of use if it can be seen from outside, or lit by a gather after it. */
@@ -374,13 +445,15 @@ static bool survives(Walk *walk) {
     return true;
 }
 
-void walk_scatter(Walker *walker, Vec3 o, Vec3 d, const MediumStack *stack, Rgb throughput) {
+void walk_scatter(Walker *walker, Vec3 o, Vec3 d, const MediumStack *stack, Rgb throughput,
+                  Rgb forward) {
     Walk walk = {.walker = walker,
                  .o = o,
                  .d = d,
                  .stack = *stack,
                  .throughput = throughput,
-                 .begin = rgb_max(throughput)};
+                 .begin = rgb_max(throughput),
+                 .forward = forward};
     if (!(walk.begin > 0.0f))
         return;
     const LedgerEntry before = walker->clock.entry;

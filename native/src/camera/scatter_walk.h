@@ -15,7 +15,14 @@ bool walk_is_wanted(const CameraParams *params);
  * o + t d is a stretch of a camera path in the scattering medium of the stack before its first
  * internal reflection, throughput what the path has there. The walk follows any number of internal
  * reflections before its first scattering, and everything after it; where the stretch refracts
- * before anything else the path's own branches go on, and the walk ends. */
-void walk_scatter(Walker *walker, Vec3 o, Vec3 d, const MediumStack *stack, Rgb throughput);
+ * before anything else the path's own branches go on, and the walk ends. forward: optical depth of
+ * the path so far that scatters straight on; see scatter_gather. */
+void walk_scatter(Walker *walker, Vec3 o, Vec3 d, const MediumStack *stack, Rgb throughput,
+                  Rgb forward);
+
+/* Adds what a path sees of light of the surroundings that scattered straight on, once and more, on
+ * a way of that depth: photons in cells do not have it. light: what arrives without having
+ * scattered. */
+void walk_see_straight(Walker *walker, const CameraWay *way, Rgb forward, Rgb light);
 
 #endif

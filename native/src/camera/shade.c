@@ -78,7 +78,7 @@ static void pass_medium(Walker *walker, LightPath *path, float length, Rgb glow)
         }
         /* As along the camera's path: what walls reflect goes on in the walk. */
         if (path->bounces == 0 && walks_for_glow(walker->params))
-            walk_scatter(walker, path->o, path->d, &path->stack, throughput);
+            walk_scatter(walker, path->o, path->d, &path->stack, throughput, rgb(0, 0, 0));
         walker->field = field;
     }
     path->weight = rgb_mul(path->weight, medium_transmittance(medium, length));

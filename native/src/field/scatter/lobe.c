@@ -13,6 +13,10 @@ static const double REST = 0.02;
 enum { PLACES = 2048 };
 static const double FLOOR = 1e-3;
 
+/* Straight on, in units of g^(degree + 1), of which the first coefficient that is left out is. */
+static const double FORWARD_MAX = 1.5;
+enum { THIRDS = 24 };
+
 /* a at most: at 1 the kernel has zeros, where rounding would go below. */
 static const double SHARPEST = 0.98;
 
@@ -77,27 +81,63 @@ uint32_t lobe_degree(float g) {
     return fabsf(g) > 0.63f ? 8 : fabsf(g) > 0.57f ? 6 : degree;
 }
 
-void lobe_coefficients(float g, uint32_t degree, float *out) {
-    double plain[HARMONIC_DEGREE_MAX + 1], smooth[HARMONIC_DEGREE_MAX + 1];
+/* As much of a sum as is nowhere negative, and of the smooth kernel of the same mean cosine. */
+static void make_positive(double *c, uint32_t degree) {
+    double j[HARMONIC_DEGREE_MAX + 1], smooth[HARMONIC_DEGREE_MAX + 1], share = 0.0;
+    sharpest(degree, j);
+    const double a = fmin(c[1] / j[1], SHARPEST);
     for (uint32_t l = 0; l <= degree; ++l)
-        plain[l] = smooth[l] = pow(fabs((double)g), l);
-    double share = 0.0; /* of the smooth one */
-    if (degree >= 4) {
-        double j[HARMONIC_DEGREE_MAX + 1];
-        sharpest(degree, j);
-        const double a = fmin(fabs((double)g) / j[1], SHARPEST);
-        for (uint32_t l = 0; l <= degree; ++l)
-            smooth[l] = pow(a, l) * j[l];
-        for (uint32_t i = 0; i < PLACES; ++i) {
-            const double x = place(i);
-            const double low = kernel_at(plain, x, degree), high = kernel_at(smooth, x, degree);
-            if (low < FLOOR && high > low)
-                share = fmax(share, (FLOOR - low) / (high - low));
-        }
-        share = fmin(share, 1.0);
+        smooth[l] = pow(a, l) * j[l];
+    for (uint32_t i = 0; i < PLACES; ++i) {
+        const double x = place(i);
+        const double low = kernel_at(c, x, degree), high = kernel_at(smooth, x, degree);
+        if (low < FLOOR && high > low)
+            share = fmax(share, (FLOOR - low) / (high - low));
     }
-    for (uint32_t l = 0; l <= degree; ++l) {
-        const double c = (1.0 - share) * plain[l] + share * smooth[l];
-        out[l] = (float)(g < 0.0f && l % 2 == 1 ? -c : c);
+    share = fmin(share, 1.0);
+    for (uint32_t l = 0; l <= degree; ++l)
+        c[l] += share * (smooth[l] - c[l]);
+}
+
+/* What is left of a lobe without the part that goes straight on, made one again. */
+static void leave(double g, double forward, uint32_t degree, double *out) {
+    for (uint32_t l = 0; l <= degree; ++l)
+        out[l] = (pow(g, l) - forward) / (1.0 - forward);
+}
+
+/* The lowest value of what is left, in units of the whole lobe's mean. */
+static double lowest(double g, double forward, uint32_t degree) {
+    double c[HARMONIC_DEGREE_MAX + 1], least = INFINITY;
+    leave(g, forward, degree, c);
+    for (uint32_t i = 0; i < PLACES; ++i)
+        least = fmin(least, kernel_at(c, place(i), degree));
+    return (1.0 - forward) * least;
+}
+
+/* The part that goes straight on: none where the plain sum will do, else that of the highest lowest
+ * value, which is a concave function of it, being the least of linear ones. */
+static double find_forward(double g, uint32_t degree) {
+    if (lowest(g, 0.0, degree) >= FLOOR)
+        return 0.0;
+    double low = 0.0, high = fmin(FORWARD_MAX * pow(g, degree + 1), g);
+    for (int i = 0; i < THIRDS; ++i) {
+        const double a = low + (high - low) / 3.0, b = high - (high - low) / 3.0;
+        if (lowest(g, a, degree) < lowest(g, b, degree))
+            low = a;
+        else
+            high = b;
     }
+    return 0.5 * (low + high);
+}
+
+float lobe_coefficients(float g, uint32_t degree, float *out) {
+    const double cosine = fabs((double)g);
+    const double forward = degree >= 4 && g > 0.0f ? find_forward(cosine, degree) : 0.0;
+    double c[HARMONIC_DEGREE_MAX + 1];
+    leave(cosine, forward, degree, c);
+    if (degree >= 4)
+        make_positive(c, degree);
+    for (uint32_t l = 0; l <= degree; ++l)
+        out[l] = (float)((1.0 - forward) * (g < 0.0f && l % 2 == 1 ? -c[l] : c[l]));
+    return (float)forward;
 }

@@ -1,17 +1,20 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * Phase functions as sums of a few Legendre polynomials that are nowhere negative.
+ * Phase functions as sums of a few Legendre polynomials that are nowhere negative, and of light
+ * that goes straight on.
  *
- *   p(x) = 1/(4 pi) sum over l <= degree of (2 l + 1) c_l P_l(x)
+ *   p(x) = f delta(x = 1) + 1/(4 pi) sum over l <= degree of (2 l + 1) c_l P_l(x)
  *
- * Of a lobe of mean cosine g the true c_l are g^l. Cut off at a degree such a sum has ripples,
- * which from g = 0.57 at degree 4 and from 0.67 at degree 8 on go below zero: pictures of few
- * photons would have negative radiance. A product of positive kernels' coefficients is that of a
- * positive kernel (they convolve), so a^l J_l,   a = g / J_1, is one of the same mean cosine, with
- * J the polynomial that has the largest mean cosine of all that are nowhere negative: the square of
- * P_(n+1)(x) / (x - z), z the largest zero of P_(n+1), n half the degree, and J_1 = z. Lobes are as
- * much of the first as is nowhere negative, and the rest of the second. Flux and mean cosine are
- * exact; what is lost are parts of higher moments, none below g = 0.67. Lobes beyond g = J_1 =
- * 0.906 have that mean cosine. */
+ * Of a lobe of mean cosine g the true coefficients are g^l. Cut off at a degree such a sum has
+ * ripples, which from g = 0.57 at degree 4 and from 0.67 at degree 8 on go below zero: pictures of
+ * few photons would have negative radiance. Light that goes straight on has coefficients f of all
+ * degrees, so that c_l = g^l - f leaves those up to the last one exact (delta-M, [Wiscombe77],
+ * where f = g^(degree + 1)); f, near that, is such that the sum is highest where it is lowest, 0.05
+ * at g = 0.7 and 0.41 at 0.9. Beyond 0.905 that is below zero: then lobes are as much of the sum as
+ * is nowhere negative, and the rest a kernel that is a square. A product of positive kernels'
+ * coefficients is that of a positive kernel (they convolve), so a^l J_l is one, J the polynomial
+ * that has the largest mean cosine of all that are nowhere negative: the square of P_(n+1)(x) / (x
+ * - z), z the largest zero of P_(n+1), n half the degree, and J_1 = z. Flux and mean cosine stay
+ * exact. Lobes that scatter backwards have the kernel alone and no f. */
 #ifndef AMB_FIELD_SCATTER_LOBE_H
 #define AMB_FIELD_SCATTER_LOBE_H
 
@@ -20,7 +23,7 @@
 /* Even, at most HARMONIC_DEGREE_MAX. */
 uint32_t lobe_degree(float g);
 
-/* c_0 .. c_degree of a lobe of mean cosine g. */
-void lobe_coefficients(float g, uint32_t degree, float *out);
+/* c_0 .. c_degree of a lobe of mean cosine g; returns f. */
+float lobe_coefficients(float g, uint32_t degree, float *out);
 
 #endif

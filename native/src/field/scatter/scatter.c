@@ -223,7 +223,7 @@ void scatter_destroy(Scatter *scatter) {
     memory_free(scatter);
 }
 
-ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segment) {
+ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segment, Rgb forward) {
     if (scatter->cut != NULL) {
         const TreeCutRadiance radiance = tree_cut_gather(scatter->cut, segment);
         return (ScatterRadiance){.twice = radiance.twice, .more = radiance.more};
@@ -231,7 +231,11 @@ ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segme
     const ScatterCells *cells = &scatter->cells[segment->object];
     if (cells->moments == NULL || cells->layer_count == 0)
         return (ScatterRadiance){.once = {0, 0, 0}};
-    return scatter_cells_gather(cells, segment->o, segment->d, segment->length);
+    return scatter_cells_gather(cells, segment->o, segment->d, segment->length, forward);
+}
+
+Rgb scatter_forward(const Scatter *scatter, uint32_t object) {
+    return scatter->cut == NULL ? scatter->cells[object].forward : rgb(0, 0, 0);
 }
 
 uint64_t scatter_bytes(const Scatter *scatter) {

@@ -39,8 +39,15 @@ AmbStatus scatter_create(const AmbScene *scene, const ScatterParams *params, Job
                          Scatter **out_scatter);
 void scatter_destroy(Scatter *scatter);
 
-/* Any thread; the scatter is const. */
-ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segment);
+/* Any thread; the scatter is const. forward: optical depth, of light that scatters straight on,
+ * along the ray before the segment, 0 at the lens. What goes straight on along the segment, of
+ * light that has scattered before, is in the radiance; of light that has not, or once and straight
+ * from a lamp, the caller knows. */
+ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segment, Rgb forward);
+
+/* What an object's medium scatters straight on, 1/m: the peaks of sharp lobes, which cells do not
+ * have (lobe.h). */
+Rgb scatter_forward(const Scatter *scatter, uint32_t object);
 
 uint64_t scatter_bytes(const Scatter *scatter);
 uint64_t scatter_cell_count(const Scatter *scatter); /* or volume samples */

@@ -23,9 +23,12 @@ static const float DEPTH_MAX = 9.0f;
 
 /* ---- Layers and nodes ------------------------------------------------------------------------ */
 
-/* Extinction of the clearest channel that scatters, 1/m. */
-static float clearest(const Medium *medium) {
-    const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
+/* Extinction of the clearest channel that scatters, 1/m, without what scatters straight on. */
+static float clearest(const ScatterCells *cells) {
+    const Medium *medium = cells->medium;
+    const float sigma_t[3] = {medium->sigma_t.r - cells->forward.r,
+                              medium->sigma_t.g - cells->forward.g,
+                              medium->sigma_t.b - cells->forward.b};
     float least = INFINITY;
     for (uint32_t i = 0; i < medium->lobe_count; ++i) {
         const Rgb s = medium->lobes[i].sigma_s;
@@ -41,7 +44,7 @@ static void place_layers(ScatterCells *cells, float radius, float size) {
     float width = LAYER_WIDTH / rgb_max(cells->medium->sigma_t);
     /* In thin media, as fine as cubes. */
     width = width < 0.5f * size ? width : 0.5f * size;
-    const float visible = fminf(DEPTH_MAX / clearest(cells->medium), radius);
+    const float visible = fminf(DEPTH_MAX / clearest(cells), radius);
     /* The first layers are alike up to where growth sets in smoothly: width / (growth - 1). */
     const float uniform = roundf(1.0f / logf(LAYER_GROWTH));
     cells->layer_width = width;
@@ -125,7 +128,8 @@ static void place_lobes(ScatterCells *cells) {
     cells->harmonics = harmonics_create(degree);
     for (uint32_t j = 0; j < medium->lobe_count; ++j) {
         float c[HARMONIC_DEGREE_MAX + 1];
-        lobe_coefficients(medium->lobes[j].g, degree, c);
+        const float forward = lobe_coefficients(medium->lobes[j].g, degree, c);
+        cells->forward = rgb_add(cells->forward, rgb_scale(medium->lobes[j].sigma_s, forward));
         for (uint32_t l = 0; l <= degree; ++l)
             cells->scattering[l] =
                 rgb_add(cells->scattering[l], rgb_scale(medium->lobes[j].sigma_s, c[l]));
@@ -507,12 +511,44 @@ static float step_weight(float sigma, float from, float step) {
     return expf(-sigma * from) * (x > 1e-4f ? -expm1f(-x) / sigma : step);
 }
 
-ScatterRadiance scatter_cells_gather(const ScatterCells *cells, Vec3 o, Vec3 d, float length) {
+/* Light that scatters on straight k times on a way of depth tau: by exp(-tau) less, tau^k / k!.
+ * Here of all k >= 0, k >= 1 and k >= 2. */
+typedef struct ForwardSums {
+    float all, some, several;
+} ForwardSums;
+
+static ForwardSums forward_sums(float tau) {
+    const float some = expm1f(tau);
+    /* Far below 1 the difference would be rounding. */
+    const float several = tau < 0.05f ? tau * tau * (0.5f + tau / 6.0f) : some - tau;
+    return (ForwardSums){1.0f + some, some, several};
+}
+
+/* A step's light in each channel by its order, which light that goes straight on raises. */
+static void add_step(const ScatterCells *cells, const float w[3], const float tau[3],
+                     float source[SLOT_MAX][4], float sum[SLOT_MAX][4]) {
+    for (int k = 0; k < 3; ++k) {
+        const float once = cells->slot_count > 2 ? w[k] * source[2][k] : 0.0f;
+        const float twice = w[k] * source[0][k], more = w[k] * source[1][k];
+        if (tau[k] > 0.0f) {
+            const ForwardSums forward = forward_sums(tau[k]);
+            sum[0][k] += twice + tau[k] * once;
+            sum[1][k] += forward.all * more + forward.some * twice + forward.several * once;
+        } else {
+            sum[0][k] += twice;
+            sum[1][k] += more;
+        }
+        sum[2][k] += once;
+    }
+}
+
+ScatterRadiance scatter_cells_gather(const ScatterCells *cells, Vec3 o, Vec3 d, float length,
+                                     Rgb forward) {
     float weights[HARMONIC_COUNT_MAX][4];
     scatter_weights(cells, vec3_negate(d), weights);
     const Rgb sigma_t = cells->medium->sigma_t;
     const float dense = rgb_max(sigma_t);
-    const float end = fminf(length, DEPTH_MAX / clearest(cells->medium));
+    const float end = fminf(length, DEPTH_MAX / clearest(cells));
     float sum[SLOT_MAX][4] = {{0}};
     for (float t = 0.0f; t < end;) {
         const float step = fminf(fminf(fmaxf(0.25f / dense, 0.3f * t), cells->size), end - t);
@@ -524,12 +560,12 @@ ScatterRadiance scatter_cells_gather(const ScatterCells *cells, Vec3 o, Vec3 d, 
         sample_source(cells, vec3_madd(o, middle, d), (const float(*)[4])weights, source);
         const float w[3] = {step_weight(sigma_t.r, t, step), step_weight(sigma_t.g, t, step),
                             step_weight(sigma_t.b, t, step)};
-        for (uint32_t s = 0; s < cells->slot_count; ++s)
-            for (int k = 0; k < 3; ++k)
-                sum[s][k] += w[k] * source[s][k];
+        const float tau[3] = {forward.r + cells->forward.r * middle,
+                              forward.g + cells->forward.g * middle,
+                              forward.b + cells->forward.b * middle};
+        add_step(cells, w, tau, source, sum);
         t += step;
     }
-    return (ScatterRadiance){.twice = rgb_from(sum[0]),
-                             .more = rgb_from(sum[1]),
-                             .once = cells->slot_count > 2 ? rgb_from(sum[2]) : rgb(0, 0, 0)};
+    return (ScatterRadiance){
+        .twice = rgb_from(sum[0]), .more = rgb_from(sum[1]), .once = rgb_from(sum[2])};
 }

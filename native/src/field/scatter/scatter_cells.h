@@ -25,6 +25,7 @@ typedef struct ScatterCells {
     const Medium *medium;
     Harmonics harmonics;
     Rgb scattering[HARMONIC_DEGREE_MAX + 1]; /* 1/m, by degree: sum over lobes of sigma_s c_l */
+    Rgb forward;          /* 1/m, scattered straight on: sum over lobes of sigma_s f (lobe.h) */
     uint32_t slot_count;  /* orders kept apart: twice, more and, with a world, once */
     uint32_t float_count; /* of a cell's moments */
     uint32_t layer_count;
@@ -62,6 +63,7 @@ bool scatter_cells_add(const ScatterCells *cells, float *moments, uint32_t slot,
                        uint32_t layer, Rgb stretch, const float *harmonics, const float u[3]);
 
 /* See scatter_gather. */
-ScatterRadiance scatter_cells_gather(const ScatterCells *cells, Vec3 o, Vec3 d, float length);
+ScatterRadiance scatter_cells_gather(const ScatterCells *cells, Vec3 o, Vec3 d, float length,
+                                     Rgb forward);
 
 #endif
