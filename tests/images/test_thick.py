@@ -171,3 +171,23 @@ def test_surroundings_against_walks(g: float) -> None:
     for k in range(3):
         assert photons[k] == pytest.approx(walk[k], abs=3.5 * error[k] + 0.015 * walk[k]), k
         assert error[k] < 0.03 * walk[k]
+
+
+def test_auto_takes_photons_for_the_picture() -> None:
+    """One for two camera samples: no less than a fourth of the volume samples, and no more than
+    sixteen times that."""
+
+    def build(scene: handles.Scene) -> None:
+        add_body(scene, BALL, Medium(1.5, 2.0, 2.0))
+        add_point(scene, (4, 2, 3), 100.0)
+        set_perspective(scene, (0, 0, 5), (0, 0, -1), (0, 1, 0), np.radians(30))
+
+    def photons(size: int, samples: int, **params: Any) -> int:  # noqa: ANN401
+        report = shoot(build, size, samples=samples, light_samples=4000, **params)[1]
+        assert report["scatter"]["estimator"] == "PHOTONS"
+        return report["scatter"]["photons"]
+
+    assert photons(8, 4) == 1000
+    assert photons(32, 8) == 4096
+    assert photons(64, 16) == 16000
+    assert photons(64, 16, scatter_estimator=PHOTONS) == 1000

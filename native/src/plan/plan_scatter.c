@@ -15,6 +15,10 @@ static bool has_later_orders(const Plan *plan) {
 /* One photon for so many volume samples: a path of the one and a place of the other cost about as
  * much. */
 static const uint64_t SAMPLES_PER_PHOTON = 4;
+/* Too few photons show as blotches, which the eye finds worse than noise from pixel to pixel: of a
+ * fixed number of samples AUTO takes so many for each photon, which then cost a fifth or so of the
+ * camera's. */
+static const double CAMERA_SAMPLES_PER_PHOTON = 2.0;
 /* Photons for an error of 1 % in a sphere; n of them leave an error in n^(-1/3). A render to a
  * target begins with so many and measures what they leave (render/accuracy_scatter.h). */
 static const double PHOTONS_AT_PERCENT = 4e6;
@@ -23,8 +27,24 @@ uint64_t plan_photons_most(const AmbRenderParams *params) {
     return 16 * (params->light_samples / SAMPLES_PER_PHOTON);
 }
 
+/* Camera samples of a picture. With a target these are a few of each pixel. */
+enum { SAMPLES_OF_TARGET = 8 };
+
+static double samples_of_picture(const AmbRenderParams *params) {
+    const bool is_crop = params->crop_width > 0;
+    const double width = is_crop ? params->crop_width : params->width;
+    const double height = is_crop ? params->crop_height : params->height;
+    const bool has_target = params->accuracy > 0.0f;
+    return width * height * (has_target ? SAMPLES_OF_TARGET : params->samples);
+}
+
 static uint64_t count_photons(const AmbRenderParams *params) {
     const uint64_t set = params->light_samples / SAMPLES_PER_PHOTON;
+    if (!(params->accuracy > 0.0f) && params->scatter_estimator == AMB_SCATTER_AUTO) {
+        const double fitting = samples_of_picture(params) / CAMERA_SAMPLES_PER_PHOTON;
+        const double most = (double)plan_photons_most(params);
+        return (uint64_t)fmax(1.0, fmax((double)set, fmin(fitting, most)));
+    }
     /* The error of a tree cut is of another kind: more samples do not lessen it. */
     if (!(params->accuracy > 0.0f) || params->scatter_estimator == AMB_SCATTER_TREE_CUT)
         return set > 0 ? set : 1;
@@ -42,17 +62,7 @@ static const float OPTICAL_RADIUS_MIN = 1.0f, THIN_RADIUS_MIN = 0.1f;
  * 0.9 (--means), where walks leave forty times as much in 16 samples. Where a target asks for an
  * error, walks reach it. */
 static const float LOBE_G_MAX = 0.9f, LOBE_G_OF_TARGET = 0.8f;
-/* Camera samples of a large picture. With a target these are a few of each pixel. */
 static const double SAMPLES_LARGE = 1 << 17;
-enum { SAMPLES_OF_TARGET = 8 };
-
-static bool is_large(const AmbRenderParams *params) {
-    const bool is_crop = params->crop_width > 0;
-    const double width = is_crop ? params->crop_width : params->width;
-    const double height = is_crop ? params->crop_height : params->height;
-    const bool has_target = params->accuracy > 0.0f;
-    return width * height * (has_target ? SAMPLES_OF_TARGET : params->samples) >= SAMPLES_LARGE;
-}
 
 static void choose_automatically(const AmbScene *scene, const AmbRenderParams *params, Plan *plan) {
     const float sharpest = params->accuracy > 0.0f ? LOBE_G_OF_TARGET : LOBE_G_MAX;
@@ -68,7 +78,7 @@ static void choose_automatically(const AmbScene *scene, const AmbRenderParams *p
         for (uint32_t l = 0; l < medium->lobe_count; ++l)
             is_sharp = is_sharp || fabsf(medium->lobes[l].g) > sharpest;
     }
-    const bool pays = is_thick || (!is_thin && is_large(params));
+    const bool pays = is_thick || (!is_thin && samples_of_picture(params) >= SAMPLES_LARGE);
     const bool takes_photons = pays && !is_sharp;
     plan->scatter_estimator = takes_photons ? AMB_SCATTER_PHOTONS : AMB_SCATTER_WALK;
     plan->scatter_estimator_reason = takes_photons && !is_thick

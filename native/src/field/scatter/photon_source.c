@@ -77,6 +77,14 @@ void photon_source_clear(PhotonSource *source) {
     memset(source, 0, sizeof *source);
 }
 
+uint64_t photon_source_count(const PhotonSource *source, uint32_t object) {
+    uint64_t count = 0;
+    for (uint64_t b = 0; b < source->batch_count; ++b)
+        if (source->batches[b].target == object)
+            count += source->batches[b].emission.count;
+    return count;
+}
+
 /* A line through the object's bounding sphere, and the flux along it of radiance 1. */
 static Photon emit_line(const LightBatch *batch, uint64_t i) {
     const LightEmission *emission = &batch->emission;

@@ -21,6 +21,9 @@ AmbStatus photon_source_create(const AmbScene *scene, uint64_t photon_count, boo
                                uint32_t seed, PhotonSource *out_source);
 void photon_source_clear(PhotonSource *source);
 
+/* Photons towards an object. */
+uint64_t photon_source_count(const PhotonSource *source, uint32_t object);
+
 /* Photon i < photon_count. Those of a batch form a lattice, as the rays of the light pass do. */
 Photon photon_emit(const PhotonSource *source, uint64_t i);
 

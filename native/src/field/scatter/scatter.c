@@ -18,7 +18,7 @@ struct Scatter {
 
 /* Photons are divided among so many sums, whatever the number of threads, and these are added in
  * their order: the same bits. Fewer where cells are large. */
-enum { BANK_COUNT_MAX = 16, BANK_BYTES_MAX = 1 << 28 };
+enum { BANK_COUNT_MAX = 16, BANK_BYTES_MAX = 1 << 30 };
 
 typedef struct Bank {
     float **moments; /* by object */
@@ -79,14 +79,15 @@ static float cube_size(const AmbScene *scene, uint32_t object, uint64_t photon_c
     return 0.7f * area_radius(scene, object) / powf((float)photon_count, 1.0f / 6.0f);
 }
 
-static AmbStatus build_cells(const AmbScene *scene, const ScatterParams *params, Job *job,
-                             Scatter *scatter) {
+static AmbStatus build_cells(const AmbScene *scene, const ScatterParams *params,
+                             const PhotonSource *source, Job *job, Scatter *scatter) {
     for (uint32_t o = 0; o < scene->object_count; ++o) {
         const SceneObject *object = &scene->objects[o];
         const Medium *medium = &scene->materials[object->inside].medium;
         if (!object->is_boundary || !medium_scatters(medium))
             continue;
-        AMB_TRY(scatter_cells_build(scene, o, cube_size(scene, o, params->photon_count),
+        const uint64_t own = photon_source_count(source, o);
+        AMB_TRY(scatter_cells_build(scene, o, cube_size(scene, o, own > 0 ? own : 1),
                                     params->has_world ? 3 : 2, job, &scatter->cells[o]));
     }
     return AMB_OK;
@@ -154,15 +155,14 @@ static void sum_banks(Trace *trace) {
 
 static AmbStatus run(const AmbScene *scene, const ScatterParams *params, Job *job,
                      Scatter *scatter) {
-    AMB_TRY(build_cells(scene, params, job, scatter));
     PhotonSource source;
     AMB_TRY(photon_source_create(scene, params->photon_count, params->has_world, params->seed,
                                  &source));
+    AmbStatus status = build_cells(scene, params, &source, job, scatter);
     Trace *trace = memory_zero_array(1, sizeof *trace);
-    AmbStatus status = AMB_OK;
-    if (trace == NULL) {
+    if (status == AMB_OK && trace == NULL) {
         status = status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
-    } else {
+    } else if (status == AMB_OK) {
         trace->walk = (PhotonWalk){scene, params, &source, scatter->cells, FORCED};
         trace->job = job;
         trace->scatter = scatter;
