@@ -191,3 +191,21 @@ def test_auto_takes_photons_for_the_picture() -> None:
     assert photons(32, 8) == 4096
     assert photons(64, 16) == 16000
     assert photons(64, 16, scatter_estimator=PHOTONS) == 1000
+
+
+def test_straight_light_of_dense_media_is_finite() -> None:
+    """What scatters straight on is e^tau times what does not scatter: at these depths e^tau is
+    beyond all numbers, and what does not scatter is none."""
+
+    def build(scene: handles.Scene) -> None:
+        add_body(scene, BALL, Medium(1.3, 995.0, 5.0, 0.9))
+        add_point(scene, (4, 2, 3), 100.0)
+        scene.set_world((1.0, 1.0, 1.0))
+        set_perspective(scene, (0, 0, 5), (0, 0, -1), (0, 1, 0), np.radians(20))
+
+    settings = {"samples": 4, "light_samples": 2**12, "camera_bounces": 4}
+    image, report = shoot(
+        build, 8, scatter_estimator=PHOTONS, effects=SINGLE | DOUBLE | MULTIPLE | WORLD, **settings
+    )
+    assert report["nonfinite"] == 0
+    assert np.isfinite(image).all() and image[2].mean() > 0.1

@@ -92,9 +92,9 @@ static void pass_medium(Walker *walker, Branch *branch, float length) {
     }
     branch->throughput = rgb_mul(branch->throughput, medium_transmittance(medium, segment.length));
     if (walker->params->scatter != NULL)
-        branch->forward =
-            rgb_madd(branch->forward, scatter_forward(walker->params->scatter, segment.object),
-                     rgb(segment.length, segment.length, segment.length));
+        branch->forward = scatter_forward_depth(
+            branch->forward, scatter_forward(walker->params->scatter, segment.object),
+            segment.length);
 }
 
 /* Adds light that arrives at the end of the branch. */

@@ -268,10 +268,14 @@ static Rgb forward_several(Rgb x) {
  * and tau the depth of it to a place, int exp(-sigma t) w(tau(t)) Q dt = w(tau_0) G(0) + int F
  * w'(tau(s)) exp(-sigma s) G(s) ds, G(s) what is gathered beyond s, and w = tau for order two,
  * exp(tau) - 1 - tau for more. One s by chance, 0 with the share that the way before the segment
- * has. */
+ * has, else in proportion to what comes from there in the clearest channel. */
 static void gather_straight(Walk *walk, const Medium *medium, float length, Rgb straight) {
     Walker *walker = walk->walker;
-    const float before = rgb_max(walk->forward), along = length * rgb_max(straight);
+    const Rgb sigma = rgb_madd(medium->sigma_t, straight, rgb(-1, -1, -1));
+    const float rate = fmaxf(fminf(fminf(sigma.r, sigma.g), sigma.b), 0.0f);
+    /* int exp(-rate s) ds over the segment. */
+    const float x = rate * length, reach = x > 1e-4f ? -expm1f(-x) / rate : length;
+    const float before = rgb_max(walk->forward), along = reach * rgb_max(straight);
     if (walker->field == NULL || !(before + along > 0.0f))
         return;
     const float gathers = walker_gathers(walker, rgb_scale(walk->throughput, before + along));
@@ -284,10 +288,11 @@ static void gather_straight(Walk *walk, const Medium *medium, float length, Rgb 
     if (u < chance) {
         weight /= chance;
     } else {
-        s = fminf((u - chance) / (1.0f - chance), 1.0f) * length;
+        const float v = fminf((u - chance) / (1.0f - chance), 1.0f);
+        s = x > 1e-4f ? fminf(-log1pf(-v * rate * reach) / rate, length) : v * length;
         twice = straight;
-        more = rgb_mul(straight, forward_some(rgb_madd(walk->forward, straight, rgb(s, s, s))));
-        weight *= length / (1.0f - chance);
+        more = rgb_mul(straight, forward_some(scatter_forward_depth(walk->forward, straight, s)));
+        weight *= reach * expf(rate * s) / (1.0f - chance);
     }
     const FieldSegment segment = {vec3_madd(walk->o, s, walk->d), walk->d,      length - s,
                                   medium_stack_top(&walk->stack), walker->part, NULL};
@@ -316,7 +321,7 @@ static void gather_later(Walk *walk, const Medium *medium, float length) {
     const Rgb straight = scatter_forward(params->scatter, segment.object);
     if (wants_order(params, 2))
         gather_straight(walk, medium, length, straight);
-    walk->forward = rgb_madd(walk->forward, straight, rgb(length, length, length));
+    walk->forward = scatter_forward_depth(walk->forward, straight, length);
 }
 
 void walk_see_straight(Walker *walker, const CameraWay *way, Rgb forward, Rgb light) {

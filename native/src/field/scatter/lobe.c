@@ -15,6 +15,9 @@ static const double FLOOR = 1e-3;
 
 /* Straight on, in units of g^(degree + 1), of which the first coefficient that is left out is. */
 static const double FORWARD_MAX = 1.5;
+/* No more: what goes straight on is e^tau times what does not, and depths at which that overflows
+ * or is left to roulette have to be dark. From g = 0.92 on. */
+static const double FORWARD_MOST = 0.5;
 enum { THIRDS = 24 };
 
 /* a at most: at 1 the kernel has zeros, where rounding would go below. */
@@ -119,7 +122,7 @@ static double lowest(double g, double forward, uint32_t degree) {
 static double find_forward(double g, uint32_t degree) {
     if (lowest(g, 0.0, degree) >= FLOOR)
         return 0.0;
-    double low = 0.0, high = fmin(FORWARD_MAX * pow(g, degree + 1), g);
+    double low = 0.0, high = fmin(FORWARD_MAX * pow(g, degree + 1), FORWARD_MOST);
     for (int i = 0; i < THIRDS; ++i) {
         const double a = low + (high - low) / 3.0, b = high - (high - low) / 3.0;
         if (lowest(g, a, degree) < lowest(g, b, degree))

@@ -9,10 +9,11 @@
  * few photons would have negative radiance. Light that goes straight on has coefficients f of all
  * degrees, so that c_l = g^l - f leaves those up to the last one exact (delta-M, [Wiscombe77],
  * where f = g^(degree + 1)); f, near that, is such that the sum is highest where it is lowest, 0.05
- * at g = 0.7 and 0.41 at 0.9. Beyond 0.905 that is below zero: then lobes are as much of the sum as
- * is nowhere negative, and the rest a kernel that is a square. A product of positive kernels'
- * coefficients is that of a positive kernel (they convolve), so a^l J_l is one, J the polynomial
- * that has the largest mean cosine of all that are nowhere negative: the square of P_(n+1)(x) / (x
+ * at g = 0.7, 0.41 at 0.9 and 0.5 at the most. Beyond 0.905 that is below zero: then lobes are as
+ * much of the sum as is nowhere negative, and the rest a kernel that is a square. A product of
+ * positive kernels' coefficients is that of a positive kernel (they convolve), so a^l J_l is one, J
+ * the polynomial that has the largest mean cosine of all that are nowhere negative: the square of
+ * P_(n+1)(x) / (x
  * - z), z the largest zero of P_(n+1), n half the degree, and J_1 = z. Flux and mean cosine stay
  * exact. Lobes that scatter backwards have the kernel alone and no f. */
 #ifndef AMB_FIELD_SCATTER_LOBE_H

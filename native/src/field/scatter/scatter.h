@@ -49,6 +49,14 @@ ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segme
  * have (lobe.h). */
 Rgb scatter_forward(const Scatter *scatter, uint32_t object);
 
+/* Optical depth of a way of that depth which goes on for a length in a medium that scatters so much
+ * straight on. It ends at 60: no more than half of what light meets sends it straight on, so that
+ * less than e^-60 of it is left there, and e^60 is a number. */
+static inline Rgb scatter_forward_depth(Rgb before, Rgb straight, float length) {
+    const Rgb depth = rgb_add(before, rgb_scale(straight, length));
+    return rgb(fminf(depth.r, 60.0f), fminf(depth.g, 60.0f), fminf(depth.b, 60.0f));
+}
+
 uint64_t scatter_bytes(const Scatter *scatter);
 uint64_t scatter_cell_count(const Scatter *scatter); /* or volume samples */
 const ScatterTally *scatter_tally(const Scatter *scatter);

@@ -560,9 +560,8 @@ ScatterRadiance scatter_cells_gather(const ScatterCells *cells, Vec3 o, Vec3 d, 
         sample_source(cells, vec3_madd(o, middle, d), (const float(*)[4])weights, source);
         const float w[3] = {step_weight(sigma_t.r, t, step), step_weight(sigma_t.g, t, step),
                             step_weight(sigma_t.b, t, step)};
-        const float tau[3] = {forward.r + cells->forward.r * middle,
-                              forward.g + cells->forward.g * middle,
-                              forward.b + cells->forward.b * middle};
+        const Rgb depth = scatter_forward_depth(forward, cells->forward, middle);
+        const float tau[3] = {depth.r, depth.g, depth.b};
         add_step(cells, w, tau, source, sum);
         t += step;
     }
