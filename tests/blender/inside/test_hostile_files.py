@@ -152,8 +152,8 @@ def test_many_nodes(tree, outcome):
 
 
 def test_rings(tree, outcome):
-    """Shaders, numbers and reroutes that are linked to themselves. Which links of a ring are valid is
-    for Blender to say, 4.3 leaves others than 3.4: a picture, or nodes without end."""
+    """Shaders, numbers and reroutes that are linked to themselves. Which links of a ring are valid
+    is for Blender to say, 4.3 leaves others than 3.4: a picture, or nodes without end."""
     a = add_node(tree, "AddShader", tree.nodes[0])
     b = add_node(tree, "AddShader", a)
     tree.links.new(a.outputs[0], b.inputs[0])
