@@ -276,6 +276,13 @@ def ball(small):
     return small
 
 
+def shade_flat():
+    """For pictures compared bit by bit: without vertex normals, whose last digits Blender 3.4
+    leaves to chance (docs/conventions.md)."""
+    for mesh in bpy.data.meshes:
+        mesh.polygons.foreach_set("use_smooth", [False] * len(mesh.polygons))
+
+
 def check(channels):
     image = np.stack([channels[f"ViewLayer.Combined.{c}"] for c in "RGB"])
     parts = [np.stack([channels[f"ViewLayer.{name}.{c}"] for c in "RGB"]) for name in COLOURS]
@@ -319,6 +326,7 @@ def test_target_error(ball, real_library, render_to, tmp_path, capfd):
 
 
 def test_border_is_a_part_of_the_whole(ball, real_library, render_to):
+    shade_flat()
     whole = render_to("whole")["ViewLayer.Surface.G"]
     render = ball.render
     render.use_border = render.use_crop_to_border = True
@@ -471,9 +479,7 @@ def test_nan_in_a_mesh(ball, real_library, add_mesh):
 
 def test_cycles_and_back(ball, real_library, render_to):
     """Both engines use Embree in one process."""
-    # Without vertex normals, whose last digits Blender 3.4 leaves to chance (docs/conventions.md).
-    for mesh in bpy.data.meshes:
-        mesh.polygons.foreach_set("use_smooth", [False] * len(mesh.polygons))
+    shade_flat()
     ours = render_to("first")["ViewLayer.Combined.G"]
     if "cycles" not in dir(ball):
         pytest.skip("no Cycles")
