@@ -44,7 +44,8 @@ def outcome(scene, camera, tmp_path, monkeypatch):
     def run(change=lambda data: data):
         """`change`: what is done to the bytes of the file."""
         path = tmp_path / "hostile.blend"
-        bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False)
+        # Blender 5 packs files unless told not to.
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False, compress=False)
         path.write_bytes(change(path.read_bytes()))
         bpy.ops.wm.open_mainfile(filepath=str(path))
         report.LAST.clear()
