@@ -2,15 +2,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Effects chosen by the planner against everything on.
 
-    python3 tests/bench/bench_planner.py [--accuracy 0.05 | --samples 16] [--size 64] [SCENE ...]
+    python3 tests/bench/bench_planner.py [--accuracy 0.05 | --samples 16] [--size 64] [--tuned]
+        [SCENE ...]
     python3 tests/bench/bench_planner.py --finished [--accuracy 0.05] [--size 64] [SCENE ...]
     python3 tests/bench/bench_planner.py --bounds [--seeds 8] [SCENE ...]
 
-Everything on: all effects and eight internal reflections on either side, estimators AUTO; and
-tuned, the cheaper of that and of volume samples by name, which is what a user finds who tries. At
-the same target accuracy all renders state their error, with what was left out in it; at the same
-number of samples both have the noise of the same paths, and what is left out is below the target's
-1 %. The ratio is of their CPU seconds, all stages, planning included, the least of --repeat runs.
+Everything on: all effects and eight internal reflections on either side, estimators AUTO; with
+--tuned also the cheaper of that and of volume samples by name, which is what a user finds who
+tries. At the same target accuracy all renders state their error, with what was left out in it; at
+the same number of samples both have the noise of the same paths, and what is left out is below the
+target's 1 %. The ratio is of their CPU seconds, all stages, planning included, the least of
+--repeat runs.
 
 --finished: the error of AUTO's finished pictures against everything on, with sixteen reflections.
 
@@ -94,23 +96,20 @@ def measure(
     return min(costs), reports[-1]
 
 
-def compare_one(scene: PlannerScene, size: int, repeat: int, common: dict[str, Any]) -> Row:
-    every, full = measure(
-        scene, size, repeat, **common, light_bounces=BOUNCES, camera_bounces=BOUNCES
-    )
-    points, _ = measure(
-        scene,
-        size,
-        repeat,
-        **common,
-        light_bounces=BOUNCES,
-        camera_bounces=BOUNCES,
-        estimator=POINTS_COVARIANCE,
-    )
+def compare_one(
+    scene: PlannerScene, size: int, repeat: int, is_tuned: bool, common: dict[str, Any]
+) -> Row:
+    everything = common | {"light_bounces": BOUNCES, "camera_bounces": BOUNCES}
+    every, full = measure(scene, size, repeat, **everything)
+    tuned = every
+    if is_tuned:
+        tuned = min(
+            every, measure(scene, size, repeat, **everything, estimator=POINTS_COVARIANCE)[0]
+        )
     auto, chosen = measure(scene, size, repeat, **common, effects_are_auto=1)
     return {
         "every": every,
-        "tuned": min(every, points),
+        "tuned": tuned,
         "auto": auto,
         "planning": chosen["plan"]["cpu_s"] / auto,
         "stated": [report["accuracy"]["stated"] for report in (full, chosen)],
@@ -121,7 +120,14 @@ def compare_one(scene: PlannerScene, size: int, repeat: int, common: dict[str, A
     }
 
 
-def compare(scenes: list[PlannerScene], size: int, repeat: int, keep: Keep, **common: Any) -> None:
+def compare(
+    scenes: list[PlannerScene],
+    size: int,
+    repeat: int,
+    is_tuned: bool,
+    keep: Keep,
+    **common: Any,
+) -> None:
     ratios = []
     tuned = []
     print(
@@ -131,8 +137,8 @@ def compare(scenes: list[PlannerScene], size: int, repeat: int, keep: Keep, **co
     print("|---|---|---|---|---|---|---|---|---|---|")
     for scene in scenes:
         row = keep.row(
-            ["compare", scene.name, size, repeat, common],
-            partial(compare_one, scene, size, repeat, common),
+            ["compare", scene.name, size, repeat, is_tuned, common],
+            partial(compare_one, scene, size, repeat, is_tuned, common),
         )
         ratios.append(row["every"] / row["auto"])
         tuned.append(row["tuned"] / row["auto"])
@@ -144,7 +150,8 @@ def compare(scenes: list[PlannerScene], size: int, repeat: int, keep: Keep, **co
             f"{row['omitted']:.2%}, {row['skipped']} effects; {row['estimators']} |",
             flush=True,
         )
-    for what, found in (("AUTO's estimators", ratios), ("the better ones", tuned)):
+    found_by = {"AUTO's estimators": ratios} | ({"the better ones": tuned} if is_tuned else {})
+    for what, found in found_by.items():
         print(
             f"\neverything on by {what}: median {np.median(found):.2f}, best {max(found):.1f}, "
             f"least {min(found):.2f} (bars: 3, 50, 0.95), {len(found)} scenes"
@@ -229,6 +236,7 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, help="folder")
     parser.add_argument("--accuracy", type=float, default=0.05)
     parser.add_argument("--samples", type=int, default=0)
+    parser.add_argument("--tuned", action="store_true")
     parser.add_argument("--light-samples", type=int, default=1_000_000)
     parser.add_argument("--size", type=int, default=64)
     parser.add_argument("--repeat", type=int, default=1)
@@ -251,7 +259,8 @@ def main() -> None:
         if options.samples
         else {"accuracy": options.accuracy}
     )
-    compare(scenes, options.size, options.repeat, keep, effects=EVERYTHING, **common, **budget)
+    common |= {"effects": EVERYTHING, **budget}
+    compare(scenes, options.size, options.repeat, options.tuned, keep, **common)
 
 
 if __name__ == "__main__":
