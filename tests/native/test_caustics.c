@@ -263,6 +263,24 @@ static CausticMap *create_glow(const AmbScene *scene, uint64_t photons, uint32_t
     return map;
 }
 
+/* The glow of a part of the photons that walk for cells. */
+static CausticMap *create_traced(const AmbScene *scene, uint64_t photons, float part,
+                                 uint32_t threads) {
+    Job job;
+    job_init(&job, threads);
+    const ScatterParams cells = {
+        .photon_count = photons, .light_bounces = 64, .landing_part = part};
+    Scatter *scatter = NULL;
+    ENSURE_STATUS(scatter_create(scene, &cells, &job, &scatter), AMB_OK);
+    const CausticParams given = {.glow = {.photon_count = (uint64_t)(part * (float)photons)},
+                                 .traced = scatter,
+                                 .part_count = 2};
+    CausticMap *map = NULL;
+    ENSURE_STATUS(caustics_create(scene, &given, &job, &map), AMB_OK);
+    scatter_destroy(scatter);
+    return map;
+}
+
 /* In a closed box all light lands. Of a lamp's 4 pi what has not scattered leaves after one, two,
  * .. stretches to the boundary and back, R being reflected of it each time; the rest has. */
 static void all_that_scattered_lands(void) {
@@ -278,6 +296,13 @@ static void all_that_scattered_lands(void) {
         const CausticAccount account = caustics_account(map);
         ENSURE_NEAR(account.glow_landed[1] / (4.0 * PI * (1.0 - passed)), 1.0, 5e-3);
         ENSURE(account.landed[1] == 0.0);
+        caustics_destroy(map);
+        /* Half of the photons stand for all. */
+        map = create_traced(scene, 1 << 16, 0.5f, 2);
+        const CausticAccount traced = caustics_account(map);
+        ENSURE_NEAR(traced.glow_landed[1] / (4.0 * PI * (1.0 - passed)), 1.0, 5e-3);
+        ENSURE(traced.glow_ray_count == 1 << 15);
+        ENSURE(traced.glow_photon_count >= account.glow_photon_count);
         caustics_destroy(map);
         amb_scene_destroy(scene);
     }
@@ -343,9 +368,7 @@ static void glow_parts_add_up(void) {
     amb_scene_destroy(scene);
 }
 
-static void glow_threads_do_not_matter(void) {
-    AmbScene *scene = lamp_in_ball(1.3f, 5.0f, false);
-    CausticMap *one = create_glow(scene, 3000, 2, 1), *three = create_glow(scene, 3000, 2, 3);
+static void same_glow(CausticMap *one, CausticMap *three) {
     const CausticAccount a = caustics_account(one), b = caustics_account(three);
     ENSURE(memcmp(&a, &b, sizeof a) == 0);
     bool is_same = true;
@@ -359,6 +382,12 @@ static void glow_threads_do_not_matter(void) {
     ENSURE(is_same);
     caustics_destroy(one);
     caustics_destroy(three);
+}
+
+static void glow_threads_do_not_matter(void) {
+    AmbScene *scene = lamp_in_ball(1.3f, 5.0f, false);
+    same_glow(create_glow(scene, 3000, 2, 1), create_glow(scene, 3000, 2, 3));
+    same_glow(create_traced(scene, 3000, 0.7f, 1), create_traced(scene, 3000, 0.7f, 3));
     amb_scene_destroy(scene);
 }
 

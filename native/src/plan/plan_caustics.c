@@ -134,5 +134,11 @@ void plan_glow(const AmbScene *scene, const AmbRenderParams *params, Plan *plan)
     plan->caustics.glow.photon_count = params->light_samples / SAMPLES_PER_CAUSTIC_RAY + 1;
     plan->caustics.glow.order_max = last_order(params, plan);
     plan->caustics.glow.has_world = has_world;
+    /* Photons for cells land as well. A target asks for numbers of either kind. */
+    const ScatterParams *cells = &plan->scatter;
+    if (plan->scatter_estimator == AMB_SCATTER_PHOTONS && !(params->accuracy > 0.0f) &&
+        cells->order_max == plan->caustics.glow.order_max && cells->has_world == has_world)
+        plan->scatter.landing_part = (float)fmin(
+            (double)plan->caustics.glow.photon_count / (double)cells->photon_count, 1.0);
     plan->camera.glow = orders | (has_world ? (uint32_t)AMB_EFFECT_WORLD_LIGHT : 0u);
 }

@@ -408,6 +408,7 @@ AmbStatus render_build_caustics(AmbRender *render, CausticMap **out_map) {
     const StageClock begin = clock_stage(render);
     const AmbStatus status =
         caustics_create(render->scene, &render->plan.caustics, &render->job, out_map);
+    render->plan.caustics.traced = NULL; /* once taken, what landed is gone */
     render->light_costs[LIGHT_COST_CAUSTICS] += charge_stage(render, STAGE_LIGHT, begin);
     if (status == AMB_OK)
         render->caustics = caustics_account(*out_map);
@@ -471,9 +472,11 @@ static AmbStatus run_stages(AmbRender *render) {
     render->plan.camera.ledger = &render->ledger;
     CausticMap *caustics = NULL;
     Scatter *scatter = NULL;
-    AmbStatus status = run_caustics(render, &caustics);
+    AmbStatus status = run_scatter(render, &scatter);
+    if (scatter != NULL && render->plan.scatter.landing_part > 0.0f)
+        render->plan.caustics.traced = scatter;
     if (status == AMB_OK)
-        status = run_scatter(render, &scatter);
+        status = run_caustics(render, &caustics);
     if (status == AMB_OK)
         status = run_field_and_camera(render, &caustics, &scatter);
     render->plan.camera.caustics = NULL;

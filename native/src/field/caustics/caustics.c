@@ -220,12 +220,24 @@ static AmbStatus build_glow_order(const AmbScene *scene, const PhotonLandings *l
     return status;
 }
 
+static AmbStatus take_landings(const CausticParams *params, Job *job, GlowLandings *landings) {
+    PhotonLandings lists[SCATTER_LIST_MAX];
+    scatter_take_landings(params->traced, lists);
+    const uint64_t emitted = scatter_tally(params->traced)->photon_count;
+    const uint64_t wanted = params->glow.photon_count;
+    landings->tally.photon_count = wanted < emitted ? wanted : emitted;
+    const AmbStatus status = glow_sort(lists, SCATTER_LIST_MAX, job, landings);
+    for (uint32_t i = 0; i < SCATTER_LIST_MAX; ++i)
+        memory_free(lists[i].list);
+    return status;
+}
+
 static AmbStatus create_glow(const AmbScene *scene, const CausticParams *params, Job *job,
                              CausticMap *map) {
-    GlowLandings landings;
-    AMB_TRY(glow_trace(scene, &params->glow, job, &landings));
+    GlowLandings landings = {.tally = {.photon_count = 0}};
+    AmbStatus status = params->traced != NULL ? take_landings(params, job, &landings)
+                                              : glow_trace(scene, &params->glow, job, &landings);
     map->account.glow_ray_count = landings.tally.photon_count;
-    AmbStatus status = AMB_OK;
     for (uint32_t k = 0; k < GLOW_ORDER_COUNT && status == AMB_OK; ++k)
         status = build_glow_order(scene, &landings.orders[k], k, job, map);
     glow_clear(&landings);

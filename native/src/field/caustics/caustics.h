@@ -15,6 +15,7 @@ enum { CAUSTIC_PART_MAX = 8 };
 typedef struct CausticParams {
     LightTraceParams light; /* lands; ray_count 0: nothing is bent */
     ScatterParams glow;     /* photon_count 0: nothing glows */
+    Scatter *traced;        /* photons for cells whose landings glow takes; NULL: it has its own */
     float overlap;          /* photons that cover a point where light is even */
     uint32_t part_count;    /* 1 .. CAUSTIC_PART_MAX, as FieldParams'; 0: one */
 } CausticParams;

@@ -23,15 +23,12 @@ static const float DEEP_RADIUS = 4.0f;
 /* Cubes of the grid of depths in a radius. */
 static const float CUBES = 12.0f;
 
-typedef struct Chunk {
-    PhotonLandings landings;
-    ScatterTally tally;
-} Chunk;
-
+/* By chunk of GRAIN photons. */
 typedef struct Trace {
     PhotonWalk walk;
     Job *job;
-    Chunk *chunks;
+    PhotonLandings *landings;
+    ScatterTally *tallies;
 } Trace;
 
 static AmbStatus trace_chunk(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
@@ -39,12 +36,12 @@ static AmbStatus trace_chunk(void *user, uint64_t begin, uint64_t end, uint32_t 
     Trace *trace = user;
     const uint64_t photon_count = trace->walk.source->photon_count;
     for (uint64_t c = begin; c < end; ++c) {
-        Chunk *chunk = &trace->chunks[c];
+        PhotonLandings *landings = &trace->landings[c];
         for (uint64_t i = c * GRAIN; i < (c + 1) * GRAIN && i < photon_count; ++i) {
             if (job_is_cancelled(trace->job))
                 return AMB_CANCELLED;
-            photon_walk(&trace->walk, i, NULL, &chunk->landings, &chunk->tally);
-            if (chunk->landings.is_cut_short)
+            photon_walk(&trace->walk, i, NULL, landings, &trace->tallies[c]);
+            if (landings->is_cut_short)
                 return status_fail(AMB_OUT_OF_MEMORY, "no memory for light on opaque surfaces");
         }
         atomic_fetch_add(&trace->job->work_done, 1);
@@ -67,9 +64,9 @@ static uint32_t order_index(const PhotonLanding *landing) {
     return (landing->order < GLOW_ORDER_COUNT ? landing->order : GLOW_ORDER_COUNT) - 1;
 }
 
-static AmbStatus join_chunks(const Trace *trace, uint64_t chunk_count, GlowLandings *all) {
-    for (uint64_t c = 0; c < chunk_count; ++c) {
-        const PhotonLandings *some = &trace->chunks[c].landings;
+AmbStatus glow_sort(PhotonLandings *lists, uint64_t list_count, Job *job, GlowLandings *all) {
+    for (uint64_t c = 0; c < list_count; ++c) {
+        const PhotonLandings *some = &lists[c];
         for (uint64_t i = 0; i < some->count; ++i)
             ++all->orders[order_index(&some->list[i])].room;
     }
@@ -79,18 +76,16 @@ static AmbStatus join_chunks(const Trace *trace, uint64_t chunk_count, GlowLandi
         if (landings->list == NULL)
             return status_fail(AMB_OUT_OF_MEMORY, "no memory for light on opaque surfaces");
     }
-    for (uint64_t c = 0; c < chunk_count; ++c) {
-        if (job_is_cancelled(trace->job))
+    for (uint64_t c = 0; c < list_count; ++c) {
+        if (job_is_cancelled(job))
             return AMB_CANCELLED;
-        Chunk *chunk = &trace->chunks[c];
-        for (uint64_t i = 0; i < chunk->landings.count; ++i) {
-            const PhotonLanding *landing = &chunk->landings.list[i];
+        for (uint64_t i = 0; i < lists[c].count; ++i) {
+            const PhotonLanding *landing = &lists[c].list[i];
             PhotonLandings *landings = &all->orders[order_index(landing)];
             landings->list[landings->count++] = *landing;
         }
-        memory_free(chunk->landings.list); /* half of the memory, from here on */
-        chunk->landings = (PhotonLandings){.list = NULL};
-        add_tally(&all->tally, &chunk->tally);
+        memory_free(lists[c].list); /* half of the memory, from here on */
+        lists[c] = (PhotonLandings){.list = NULL};
     }
     return AMB_OK;
 }
@@ -98,17 +93,23 @@ static AmbStatus join_chunks(const Trace *trace, uint64_t chunk_count, GlowLandi
 static AmbStatus run_photons(Trace *trace, GlowLandings *all) {
     const uint64_t photon_count = trace->walk.source->photon_count;
     const uint64_t chunk_count = (photon_count + GRAIN - 1) / GRAIN;
-    trace->chunks = memory_zero_array(chunk_count, sizeof *trace->chunks);
-    if (trace->chunks == NULL)
-        return status_fail(AMB_OUT_OF_MEMORY, "no memory for light on opaque surfaces");
+    trace->landings = memory_zero_array(chunk_count, sizeof *trace->landings);
+    trace->tallies = memory_zero_array(chunk_count, sizeof *trace->tallies);
+    AmbStatus status = AMB_OK;
+    if (trace->landings == NULL || trace->tallies == NULL)
+        status = status_fail(AMB_OUT_OF_MEMORY, "no memory for light on opaque surfaces");
     atomic_store(&trace->job->work_done, 0);
     atomic_store(&trace->job->work_total, chunk_count);
-    AmbStatus status = parallel_for(trace->job, chunk_count, 1, trace_chunk, trace);
     if (status == AMB_OK)
-        status = join_chunks(trace, chunk_count, all);
-    for (uint64_t c = 0; c < chunk_count; ++c)
-        memory_free(trace->chunks[c].landings.list);
-    memory_free(trace->chunks);
+        status = parallel_for(trace->job, chunk_count, 1, trace_chunk, trace);
+    if (status == AMB_OK)
+        status = glow_sort(trace->landings, chunk_count, trace->job, all);
+    for (uint64_t c = 0; c < chunk_count && status == AMB_OK; ++c)
+        add_tally(&all->tally, &trace->tallies[c]);
+    for (uint64_t c = 0; trace->landings != NULL && c < chunk_count; ++c)
+        memory_free(trace->landings[c].list);
+    memory_free(trace->landings);
+    memory_free(trace->tallies);
     return status;
 }
 
@@ -142,7 +143,8 @@ AmbStatus glow_trace(const AmbScene *scene, const ScatterParams *params, Job *jo
                                 .params = params,
                                 .source = &source,
                                 .cells = cells,
-                                .forced_count = 1},
+                                .forced_count = 1,
+                                .landing_part = 1.0f},
                        .job = job};
         status = run_photons(&trace, out_landings);
     }

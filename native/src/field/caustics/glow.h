@@ -21,6 +21,10 @@ AmbStatus glow_trace(const AmbScene *scene, const ScatterParams *params, Job *jo
                      GlowLandings *out_landings);
 void glow_clear(GlowLandings *landings);
 
+/* The same of lists that other photons left, which end empty; on failure what is left of them, and
+ * what *all has, is the caller's to free. *all must be empty. */
+AmbStatus glow_sort(PhotonLandings *lists, uint64_t list_count, Job *job, GlowLandings *all);
+
 /* Kernels of the landings of one order, photons[i] of landings->list[i]. */
 AmbStatus glow_place(const AmbScene *scene, const PhotonLandings *landings, Job *job,
                      CausticPhoton *photons);

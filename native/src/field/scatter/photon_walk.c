@@ -239,6 +239,8 @@ static void keep_landing(PhotonLandings *landings, const PhotonLanding *landing)
     landings->list[landings->count++] = *landing;
 }
 
+/* Below 1, whatever a division rounds to. */
+static const float RANK_LAST = 0x1.fffffep-1f;
 /* Below this cosine of incidence light is dropped, as in light_trace.c. */
 static const float GRAZING_COS = 1e-4f;
 
@@ -248,11 +250,13 @@ static void land(const Walker *walker, const SurfacePoint *surface) {
     const float cos_shading = -side * vec3_dot(walker->d, surface->ns);
     if (fabsf(cos_face) < GRAZING_COS || !(cos_shading > 0.0f))
         return;
+    const float part = walker->walk->landing_part;
+    const float weight = cos_shading / (part * fabsf(cos_face));
     const PhotonLanding landing = {.p = surface->p,
                                    .n = vec3_scale(surface->ng, side),
-                                   .flux = rgb_scale(walker->flux, cos_shading / fabsf(cos_face)),
+                                   .flux = rgb_scale(walker->flux, weight),
                                    .distance = walker->way,
-                                   .rank = walker->rank,
+                                   .rank = fminf(walker->rank / part, RANK_LAST),
                                    .order = walker->order};
     keep_landing(walker->landings, &landing);
 }
@@ -512,11 +516,12 @@ void photon_walk(const PhotonWalk *walk, uint64_t i, float *const *moments,
     if (!(rgb_max(photon.flux) > 0.0f))
         return;
     const bool is_of_lamp = photon.batch->emission.light != NULL;
+    const float rank = sample_fibonacci_rank(i - photon.batch->first, photon.batch->shift);
     Walker walker = {.walk = walk,
                      .moments = moments,
-                     .landings = landings,
+                     .landings = rank < walk->landing_part ? landings : NULL,
                      .tally = tally,
-                     .rank = sample_fibonacci_rank(i - photon.batch->first, photon.batch->shift),
+                     .rank = rank,
                      .rng = rng_create(walk->params->seed, RNG_STAGE_PHOTON, i + (1u << 16)),
                      .o = photon.o,
                      .d = photon.d,

@@ -11,14 +11,15 @@
 
 struct Scatter {
     uint32_t object_count;
-    ScatterCells *cells; /* by object; photons */
-    TreeCut *cut;        /* [Wang16], else NULL */
+    ScatterCells *cells;                       /* by object; photons */
+    TreeCut *cut;                              /* [Wang16], else NULL */
+    PhotonLandings landings[SCATTER_LIST_MAX]; /* by bank */
     ScatterTally tally;
 };
 
 /* Photons are divided among so many sums, whatever the number of threads, and these are added in
  * their order: the same bits. Fewer where cells are large. */
-enum { BANK_COUNT_MAX = 16, BANK_BYTES_MAX = 1 << 30 };
+enum { BANK_COUNT_MAX = SCATTER_LIST_MAX, BANK_BYTES_MAX = 1 << 30 };
 
 typedef struct Bank {
     float **moments; /* by object */
@@ -47,7 +48,10 @@ static AmbStatus trace_bank(void *user, uint64_t begin, uint64_t end, uint32_t t
         for (uint64_t i = b; i < trace->walk.source->photon_count; i += trace->bank_count) {
             if (job_is_cancelled(trace->job))
                 return AMB_CANCELLED;
-            photon_walk(&trace->walk, i, bank->moments, NULL, &bank->tally);
+            PhotonLandings *landings = &trace->scatter->landings[b];
+            photon_walk(&trace->walk, i, bank->moments, landings, &bank->tally);
+            if (landings->is_cut_short)
+                return status_fail(AMB_OUT_OF_MEMORY, "no memory for light on opaque surfaces");
             if (++unreported == 256) {
                 atomic_fetch_add(&trace->job->work_done, unreported);
                 unreported = 0;
@@ -163,7 +167,8 @@ static AmbStatus run(const AmbScene *scene, const ScatterParams *params, Job *jo
     if (status == AMB_OK && trace == NULL) {
         status = status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
     } else if (status == AMB_OK) {
-        trace->walk = (PhotonWalk){scene, params, &source, scatter->cells, FORCED};
+        trace->walk =
+            (PhotonWalk){scene, params, &source, scatter->cells, FORCED, params->landing_part};
         trace->job = job;
         trace->scatter = scatter;
         status = create_banks(scene, trace);
@@ -218,6 +223,8 @@ void scatter_destroy(Scatter *scatter) {
         return;
     for (uint32_t o = 0; scatter->cells != NULL && o < scatter->object_count; ++o)
         scatter_cells_clear(&scatter->cells[o]);
+    for (uint32_t i = 0; i < SCATTER_LIST_MAX; ++i)
+        memory_free(scatter->landings[i].list);
     memory_free(scatter->cells);
     tree_cut_destroy(scatter->cut);
     memory_free(scatter);
@@ -236,6 +243,11 @@ ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segme
 
 Rgb scatter_forward(const Scatter *scatter, uint32_t object) {
     return scatter->cut == NULL ? scatter->cells[object].forward : rgb(0, 0, 0);
+}
+
+void scatter_take_landings(Scatter *scatter, PhotonLandings out_lists[SCATTER_LIST_MAX]) {
+    memcpy(out_lists, scatter->landings, sizeof scatter->landings);
+    memset(scatter->landings, 0, sizeof scatter->landings);
 }
 
 uint64_t scatter_bytes(const Scatter *scatter) {

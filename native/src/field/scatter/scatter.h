@@ -5,6 +5,7 @@
 #define AMB_FIELD_SCATTER_SCATTER_H
 
 #include "field/field.h"
+#include "field/scatter/photon_landing.h"
 
 typedef struct Scatter Scatter;
 
@@ -17,6 +18,7 @@ typedef struct ScatterParams {
     bool follows_through;   /* go on with light that leaves an object, to others behind it */
     bool adjoint_normals;   /* see BoundaryCrossing; for light that has not scattered yet */
     bool has_world;         /* the world's light enters media; photons only */
+    float landing_part; /* of the photons, whose landings on opaque surfaces are kept; 0: none */
     uint32_t seed;
 } ScatterParams;
 
@@ -56,6 +58,11 @@ static inline Rgb scatter_forward_depth(Rgb before, Rgb straight, float length) 
     const Rgb depth = rgb_add(before, rgb_scale(straight, length));
     return rgb(fminf(depth.r, 60.0f), fminf(depth.g, 60.0f), fminf(depth.b, 60.0f));
 }
+
+/* What landed, in lists of the caller's own from then on: a second time there are none. The same
+ * for any number of threads. */
+enum { SCATTER_LIST_MAX = 16 };
+void scatter_take_landings(Scatter *scatter, PhotonLandings out_lists[SCATTER_LIST_MAX]);
 
 uint64_t scatter_bytes(const Scatter *scatter);
 uint64_t scatter_cell_count(const Scatter *scatter); /* or volume samples */
