@@ -162,6 +162,11 @@ class AmberlightSceneSettings(bpy.types.PropertyGroup):
         "without, these cast black shadows",
         default=DEFAULT.use_caustics,
     )
+    use_interreflection: BoolProperty(
+        name="Light Between Surfaces",
+        description="Light that opaque surfaces send one another",
+        default=DEFAULT.use_interreflection,
+    )
     light_bounces: IntProperty(
         name="Light Bounces",
         description="Most " + FOLLOW.format("light"),

@@ -31,6 +31,7 @@ EFFECTS = {
     "use_background": _ffi.AMB_EFFECT_BACKGROUND,
     "use_transmitted_light": _ffi.AMB_EFFECT_TRANSMITTED_LIGHT,
     "use_caustics": _ffi.AMB_EFFECT_CAUSTICS,
+    "use_interreflection": _ffi.AMB_EFFECT_INTERREFLECTION,
 }
 SCATTER_ESTIMATORS = {
     "AUTO": _ffi.AMB_SCATTER_AUTO,
@@ -63,6 +64,7 @@ class Settings:
     use_background: bool = True
     use_transmitted_light: bool = True
     use_caustics: bool = True
+    use_interreflection: bool = True
     light_bounces: int = 0
     camera_bounces: int = 0
     adjoint_normals: bool = True

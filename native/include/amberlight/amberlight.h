@@ -297,6 +297,8 @@ enum {
                                             * they cast black shadows */
     AMB_EFFECT_WORLD_LIGHT = 1 << 7,       /* light of the world and of lit opaque surfaces that
                                             * scatters in media */
+    AMB_EFFECT_INTERREFLECTION = 1 << 8,   /* light that opaque surfaces send one another, as the
+                                            * camera sees it; what scatters of it is left out */
 };
 
 /* How light that scattered twice and more is found. */

@@ -227,11 +227,15 @@ static void follow_arrival(Walker *walker, Branch branch) {
     /* An observer's light has no orders to put what glows on the surface into. */
     walker->way = branch.way;
     const Rgb glow = walker->observer != NULL ? rgb(0, 0, 0) : branch.throughput;
-    Rgb caustics;
-    const Rgb radiance =
-        shade_diffuse(walker, &arrival.crossing.surface, branch.d, &branch.stack, glow, &caustics);
-    see_surface(walker, &branch, radiance);
-    out->parts[CAMERA_PART_CAUSTICS] += rgb_mean(rgb_mul(branch.throughput, caustics));
+    const DiffuseLight light =
+        shade_diffuse(walker, &arrival.crossing.surface, branch.d, &branch.stack, glow,
+                      (walker->params->effects & AMB_EFFECT_INTERREFLECTION) != 0);
+    see_surface(walker, &branch, light.radiance);
+    out->parts[CAMERA_PART_CAUSTICS] += rgb_mean(rgb_mul(branch.throughput, light.caustics));
+    if (rgb_max(light.interreflected) > 0.0f) {
+        branch.way.effects |= AMB_EFFECT_INTERREFLECTION;
+        see_surface(walker, &branch, light.interreflected);
+    }
 }
 
 /* Neighbouring pixels begin with different parts: then what one sample lacks is noise. */

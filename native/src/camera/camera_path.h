@@ -18,6 +18,7 @@ enum {
     CAMERA_PART_CAUSTICS,      /* on opaque surfaces, seen directly or by way of objects */
     CAMERA_PART_LIGHT_BOUNCES, /* see FieldRadiance, of gathers from the light field; */
     CAMERA_PART_TRANSMITTED,   /* where photons bring later orders these are not in them */
+    CAMERA_PART_INTERREFLECTION,
     CAMERA_PART_COUNT
 };
 
@@ -87,7 +88,7 @@ AmbStatus camera_samples(const AmbScene *scene, const Field *field, const Camera
 
 /* What light needs so that it is seen along a branch of a camera path. */
 typedef struct CameraWay {
-    uint32_t effects; /* AMB_EFFECT_SURFACE_REFLECTION, AMB_EFFECT_BACKGROUND */
+    uint32_t effects; /* AMB_EFFECT_SURFACE_REFLECTION, _BACKGROUND, _INTERREFLECTION */
     uint32_t bounces; /* internal reflections */
     uint32_t object;  /* whose boundary the branch met last; UINT32_MAX: none */
 } CameraWay;

@@ -23,6 +23,7 @@ typedef enum LedgerEntry {
     LEDGER_TRANSMITTED,   /* and of light that has passed an object, reflected or not */
     LEDGER_SURFACES,      /* likewise what is asked for on the way of light to opaque surfaces */
     LEDGER_CAUSTICS,
+    LEDGER_INTERREFLECTION, /* with all that is done for it */
     LEDGER_ENTRY_COUNT
 } LedgerEntry;
 
@@ -63,7 +64,8 @@ void ledger_take(LedgerClock *clock, LedgerEntry entry, double seconds);
 /* Opens an entry, unless the open one has precedence; returns that for ledger_close. */
 static inline LedgerEntry ledger_open(LedgerClock *clock, LedgerEntry entry) {
     const LedgerEntry before = clock->entry;
-    const bool yields = ledger_is_way(before) && !ledger_is_way(entry);
+    const bool yields =
+        before == LEDGER_INTERREFLECTION || (ledger_is_way(before) && !ledger_is_way(entry));
     if (clock->ledger != NULL && !yields && entry != before)
         ledger_switch(clock, entry, clock->object);
     return before;

@@ -408,12 +408,12 @@ static bool step(Walk *walk) {
         if (!target.is_hit && material == NULL)
             add_surroundings(walk, world_radiance_but_lamps(&walker->scene->world, walk->d));
         if (target.is_hit && !target.is_boundary) {
-            Rgb caustics;
-            const Rgb seen = shade_diffuse(walk->walker, &target.surface, walk->d, &walk->stack,
-                                           rgb(0, 0, 0), &caustics);
-            add_surroundings(walk, rgb_mul(transmittance, seen));
+            /* Photons know nothing of what surfaces send one another. */
+            const DiffuseLight seen = shade_diffuse(walk->walker, &target.surface, walk->d,
+                                                    &walk->stack, rgb(0, 0, 0), false);
+            add_surroundings(walk, rgb_mul(transmittance, seen.radiance));
             walker->out->parts[CAMERA_PART_CAUSTICS] +=
-                rgb_mean(rgb_mul(walk->throughput, rgb_mul(transmittance, caustics)));
+                rgb_mean(rgb_mul(walk->throughput, rgb_mul(transmittance, seen.caustics)));
         }
         ledger_close(&walk->walker->clock, before);
     }

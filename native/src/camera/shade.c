@@ -39,13 +39,26 @@ static Rgb lamp_irradiance(Walker *walker, const SurfacePoint *surface, const Me
     return irradiance;
 }
 
+/* Surfaces that are nearly white, in a closed room: the light goes on, but ends. */
+static const float SURVIVAL_MAX = 0.95f;
+
 /* The way back of light that arrives at an opaque surface. */
 typedef struct LightPath {
     Vec3 o, d;
     MediumStack stack;
     Rgb weight;
-    uint32_t bounces; /* internal reflections so far */
+    float share;          /* of the world's light, and of what glows on the way */
+    float interreflected; /* weight of other opaque surfaces' light; 0: they are black */
+    uint32_t bounces;     /* internal reflections so far */
 } LightPath;
+
+/* What comes along it. */
+typedef struct LightSum {
+    Rgb world, surfaces;
+} LightSum;
+
+static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
+                          const MediumStack *stack, Rgb glow, float interreflected);
 
 /* Whether walks bring what scatters on its way to opaque surfaces: of all light, or, where that of
  * lamps is in the map of caustics, of the surroundings. */
@@ -117,40 +130,66 @@ static bool survives(Walker *walker, LightPath *path) {
     return true;
 }
 
-/* Radiance of the world from where the path leads to. Light that opaque surfaces pass to one
- * another is not simulated. */
-static Rgb follow_light(Walker *walker, LightPath path, Rgb glow) {
+/* Light of the opaque surface where the path ends. One more surface is asked by chance. */
+static Rgb meet_surface(Walker *walker, const LightPath *path, const SurfacePoint *surface,
+                        Rgb glow) {
+    const float survival = fminf(rgb_max(surface->material->albedo), SURVIVAL_MAX);
+    const float next = survival > 0.0f && walker_random(walker) < survival ? 1.0f / survival : 0.0f;
+    const Rgb weight = rgb_scale(path->weight, path->interreflected);
+    const LedgerEntry before = ledger_open(&walker->clock, LEDGER_INTERREFLECTION);
+    const CameraWay way = walker->way;
+    walker->way.effects |= AMB_EFFECT_INTERREFLECTION;
+    const DiffuseLight light =
+        shade(walker, surface, path->d, &path->stack, rgb_mul(weight, glow), next);
+    walker->way = way;
+    ledger_close(&walker->clock, before);
+    return rgb_mul(weight, rgb_add(light.radiance, light.interreflected));
+}
+
+/* What the path leads to. */
+static LightSum follow_light(Walker *walker, LightPath path, Rgb glow) {
     const AmbScene *scene = walker->scene;
+    LightSum sum = {{0, 0, 0}, {0, 0, 0}};
     for (int depth = 0; depth < DEPTH_MAX; ++depth) {
         BoundaryArrival arrival;
         const bool is_hit = boundary_find(scene, &path.stack, path.o, path.d, INFINITY, &arrival);
         if (path.stack.count > 0) {
             if (!is_hit)
                 ++walker->out->leak_count;
-            pass_medium(walker, &path, is_hit ? arrival.t : scene_end(scene, path.o), glow);
+            pass_medium(walker, &path, is_hit ? arrival.t : scene_end(scene, path.o),
+                        rgb_scale(glow, path.share));
         }
-        if (!is_hit)
-            return rgb_mul(path.weight, world_radiance_but_lamps(&scene->world, path.d));
-        if (arrival.is_opaque || !pass_boundary(walker, &path, &arrival.crossing) ||
+        if (!is_hit) {
+            const Rgb radiance = world_radiance_but_lamps(&scene->world, path.d);
+            sum.world = rgb_mul(rgb_scale(path.weight, path.share), radiance);
+            break;
+        }
+        if (arrival.is_opaque) {
+            if (path.interreflected > 0.0f)
+                sum.surfaces = meet_surface(walker, &path, &arrival.crossing.surface, glow);
+            break;
+        }
+        if (!walker->params->shines_through || !pass_boundary(walker, &path, &arrival.crossing) ||
             !survives(walker, &path))
             break;
     }
-    return rgb(0, 0, 0);
+    return sum;
 }
 
 /* Mean radiance of the surroundings, weighted by the cosine: one direction in proportion to the
  * cosine and, where the world is an image, one to that, each by its share of both densities (the
- * balance heuristic, [Veach97] 9.2). */
-static Rgb light_of_world(Walker *walker, const SurfacePoint *surface, const MediumStack *stack,
-                          Vec3 ng, Vec3 ns, Rgb glow) {
+ * balance heuristic, [Veach97] 9.2). Opaque surfaces are seen by the first alone. */
+static LightSum light_of_surroundings(Walker *walker, const SurfacePoint *surface,
+                                      const MediumStack *stack, Vec3 ng, Vec3 ns, Rgb glow,
+                                      float interreflected) {
     const AmbScene *scene = walker->scene;
     const World *world = &scene->world;
     const bool shines_through = walker->params->shines_through;
-    Rgb sum = rgb(0, 0, 0);
+    LightSum sum = {{0, 0, 0}, {0, 0, 0}};
     const bool has_glow =
         shines_through && rgb_max(glow) > 0.0f &&
         (walker->params->glow != 0 ? walks_for_glow(walker->params) : walker->field != NULL);
-    if (world->is_black && !has_glow)
+    if (world->is_black && !has_glow && !(interreflected > 0.0f))
         return sum;
     Vec3 x, y;
     vec3_frame(ns, &x, &y);
@@ -164,11 +203,14 @@ static Rgb light_of_world(Walker *walker, const SurfacePoint *surface, const Med
         if (!(by_cosine > 0.0f) || !(vec3_dot(d, ng) > 0.0f))
             continue;
         const float share = by_cosine / (by_cosine + (has_image ? world_pdf(world, d) : 0.0f));
-        if (shines_through) {
-            const LightPath path = {p, d, *stack, rgb(share, share, share), 0};
-            sum = rgb_add(sum, follow_light(walker, path, glow));
+        const float by_surfaces = i == 0 ? interreflected : 0.0f;
+        if (shines_through || by_surfaces > 0.0f) {
+            const LightPath path = {p, d, *stack, rgb(1, 1, 1), share, by_surfaces, 0};
+            const LightSum found = follow_light(walker, path, glow);
+            sum.world = rgb_add(sum.world, found.world);
+            sum.surfaces = rgb_add(sum.surfaces, found.surfaces);
         } else if (!scene_is_occluded(scene, p, d, INFINITY)) {
-            sum = rgb_add(sum, rgb_scale(world_radiance_but_lamps(world, d), share));
+            sum.world = rgb_add(sum.world, rgb_scale(world_radiance_but_lamps(world, d), share));
         }
     }
     return sum;
@@ -191,8 +233,9 @@ static void add_glow(Walker *walker, const SurfacePoint *surface, Vec3 ng, Rgb w
     }
 }
 
-Rgb shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d, const MediumStack *stack,
-                  Rgb glow, Rgb *out_caustics) {
+/* interreflected: weight of other opaque surfaces' light; 0: they are black. */
+static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
+                          const MediumStack *stack, Rgb glow, float interreflected) {
     const float side = vec3_dot(d, surface->ng) < 0.0f ? 1.0f : -1.0f;
     const Vec3 ng = vec3_scale(surface->ng, side);
     const Vec3 ns = vec3_scale(surface->ns, side);
@@ -205,11 +248,20 @@ Rgb shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d, const Med
         map != NULL ? caustics_irradiance(map, surface->p, ng, walker->part) : rgb(0, 0, 0);
     ledger_close(clock, before);
     const Rgb lamps = rgb_scale(rgb_add(straight, bent), 1.0f / AMB_PI);
-    if (walker->params->shines_through)
-        before = ledger_open(clock, LEDGER_SURFACES);
+    before = walker->params->shines_through ? ledger_open(clock, LEDGER_SURFACES)
+             : interreflected > 0.0f        ? ledger_open(clock, LEDGER_INTERREFLECTION)
+                                            : clock->entry;
     add_glow(walker, surface, ng, rgb_mul(glow, albedo));
-    const Rgb world = light_of_world(walker, surface, stack, ng, ns, rgb_mul(glow, albedo));
+    const LightSum others = light_of_surroundings(walker, surface, stack, ng, ns,
+                                                  rgb_mul(glow, albedo), interreflected);
     ledger_close(clock, before);
-    *out_caustics = rgb_mul(albedo, rgb_scale(bent, 1.0f / AMB_PI));
-    return rgb_madd(surface->material->emission, albedo, rgb_add(lamps, world));
+    return (DiffuseLight){
+        .radiance = rgb_madd(surface->material->emission, albedo, rgb_add(lamps, others.world)),
+        .caustics = rgb_mul(albedo, rgb_scale(bent, 1.0f / AMB_PI)),
+        .interreflected = rgb_mul(albedo, others.surfaces)};
+}
+
+DiffuseLight shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d,
+                           const MediumStack *stack, Rgb glow, bool interreflects) {
+    return shade(walker, surface, d, stack, glow, interreflects ? 1.0f : 0.0f);
 }

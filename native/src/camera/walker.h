@@ -45,6 +45,8 @@ static inline void sample_note(CameraSample *sample, const CameraWay *way, Rgb r
         parts[CAMERA_PART_BACKGROUND] += mean;
     if (way->bounces > 0)
         parts[CAMERA_PART_BOUNCES] += mean;
+    if ((way->effects & AMB_EFFECT_INTERREFLECTION) != 0)
+        parts[CAMERA_PART_INTERREFLECTION] += mean;
 }
 
 static inline void walker_note(Walker *walker, const CameraWay *way, Rgb radiance) {

@@ -65,11 +65,15 @@ static double share(const ShareSum *sum, double squares) {
 
 FilmShares film_shares(const Film *film) {
     const ShareSum objects = sum_shares(film, FILM_OBJECTS), lit = sum_shares(film, FILM_LIT);
-    FilmShares shares = {.is_known = objects.radiance > 0.0, .has_caustics = lit.radiance > 0.0};
+    const ShareSum all = sum_shares(film, FILM_ALL);
+    FilmShares shares = {.is_known = objects.radiance > 0.0,
+                         .has_caustics = lit.radiance > 0.0,
+                         .has_any = all.radiance > 0.0};
     for (int k = 0; k < FILM_ORDER_COUNT; ++k)
         shares.orders[k] = share(&objects, objects.orders[k]);
     for (int k = 0; k < FILM_PART_COUNT; ++k)
         shares.parts[k] = share(&objects, objects.parts[k]);
     shares.parts[FILM_PART_CAUSTICS] = share(&lit, lit.parts[FILM_PART_CAUSTICS]);
+    shares.parts[FILM_PART_INTERREFLECTION] = share(&all, all.parts[FILM_PART_INTERREFLECTION]);
     return shares;
 }

@@ -30,9 +30,10 @@ bool film_pixel_is_in(const FilmPixel *pixel, FilmSet set);
 FilmSum film_sum_row(const Film *film, uint32_t y, FilmSet set);
 
 /* Shares of what the pixels of FILM_OBJECTS are made of: root of the mean square, relative to their
- * mean radiance. That of caustics is the same over FILM_LIT. What noise there is adds to them. */
+ * mean radiance. That of caustics is the same over FILM_LIT, that of light between opaque surfaces
+ * over FILM_ALL. What noise there is adds to them. */
 typedef struct FilmShares {
-    bool is_known, has_caustics; /* there are such pixels, and they are not black */
+    bool is_known, has_caustics, has_any; /* there are such pixels, and they are not black */
     double orders[FILM_ORDER_COUNT], parts[FILM_PART_COUNT];
 } FilmShares;
 

@@ -83,7 +83,9 @@ static uint32_t order_share(uint32_t order) {
 
 static void see_light(void *user, const CameraWay *way, uint32_t order, Rgb radiance) {
     const Look *look = user;
-    count(&look->result->work, way, order, false);
+    /* The same arrival, once more. */
+    if ((way->effects & AMB_EFFECT_INTERREFLECTION) == 0)
+        count(&look->result->work, way, order, false);
     if (!rgb_is_finite(radiance))
         return;
     if (way->object == UINT32_MAX) {

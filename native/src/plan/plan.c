@@ -8,6 +8,7 @@
 #include "plan/decide.h"
 #include "plan/plan_caustics.h"
 #include "plan/plan_estimator.h"
+#include "plan/plan_interreflection.h"
 #include "plan/plan_scatter.h"
 #include "plan/scene_rules.h"
 #include "plan/view_reflections.h"
@@ -192,6 +193,7 @@ static void apply_rules(const AmbScene *scene, const AmbRenderParams *params, Pl
     effects[PLAN_TRANSMITTED_LIGHT] = plan_transmitted(params, plan->has_field);
     effects[PLAN_LIGHT_ON_SURFACES] = plan_light_on_surfaces(scene, params);
     effects[PLAN_CAUSTICS] = plan_caustics(scene, params, plan);
+    effects[PLAN_INTERREFLECTION] = plan_interreflection(scene, params);
 }
 
 static uint64_t clamp_count(double count, uint64_t least, uint64_t most) {
@@ -211,7 +213,8 @@ static const struct {
                  {PLAN_MULTIPLE_SCATTERING, AMB_EFFECT_MULTIPLE_SCATTERING},
                  {PLAN_WORLD_LIGHT, AMB_EFFECT_WORLD_LIGHT},
                  {PLAN_SURFACE_REFLECTION, AMB_EFFECT_SURFACE_REFLECTION},
-                 {PLAN_BACKGROUND, AMB_EFFECT_BACKGROUND}};
+                 {PLAN_BACKGROUND, AMB_EFFECT_BACKGROUND},
+                 {PLAN_INTERREFLECTION, AMB_EFFECT_INTERREFLECTION}};
 
 /* AMB_EFFECT_* of the effects that are to be simulated and that the camera's paths need to know. */
 static uint32_t camera_effects(const Plan *plan) {
@@ -259,7 +262,8 @@ static AmbStatus measure(const AmbScene *scene, const AmbRenderParams *params, V
  * that they throw on what is seen. */
 static void skip_unseen(Plan *plan) {
     for (uint32_t i = 0; i < PLAN_EFFECT_COUNT; ++i)
-        if (plan->effects[i].is_simulated && i != PLAN_LIGHT_ON_SURFACES && i != PLAN_CAUSTICS)
+        if (plan->effects[i].is_simulated && i != PLAN_LIGHT_ON_SURFACES && i != PLAN_CAUSTICS &&
+            i != PLAN_INTERREFLECTION)
             plan->effects[i] =
                 plan_skipped(plan->effects[i].name, "no translucent object is in sight");
 }
@@ -492,9 +496,12 @@ AmbStatus plan_create(const AmbScene *scene, const AmbRenderParams *params, cons
         for (uint32_t o = 0; o < plan.object_count; ++o)
             plan.targets[o] = true;
         apply_rules(scene, params, &plan);
-        status = settle_effects(scene, params, crop, explains, job, &plan, &problems);
+        status = plan_measure_interreflection(scene, params, crop, job, &plan);
     }
+    if (status == AMB_OK)
+        status = settle_effects(scene, params, crop, explains, job, &plan, &problems);
     if (status == AMB_OK) {
+        plan.omitted += plan.effects[PLAN_INTERREFLECTION].rest.value;
         skip_dependent(scene, &plan);
         status = plan_measure_caustics(scene, params, job, &plan);
     }

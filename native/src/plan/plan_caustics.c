@@ -25,7 +25,8 @@ PlanEffect plan_light_on_surfaces(const AmbScene *scene, const AmbRenderParams *
         return plan_skipped(name, "no translucent object");
     if (!scene_has_opaque_surface(scene))
         return plan_skipped(name, "no opaque surface");
-    if (!scene_has_lamp(scene) && scene->world.is_black)
+    const bool interreflects = (params->effects & AMB_EFFECT_INTERREFLECTION) != 0;
+    if (!scene_has_lamp(scene) && scene->world.is_black && !interreflects)
         return plan_skipped(name, "no lamp, and the world is black");
     return plan_simulated(name, "a translucent object is there and an opaque surface");
 }

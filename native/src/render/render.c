@@ -24,6 +24,7 @@ _Static_assert((int)TILE == 8, "unzip takes three bits of each");
 _Static_assert((int)CAMERA_ORDER_COUNT == (int)FILM_ORDER_COUNT, "a pass for each order");
 _Static_assert((int)CAMERA_PART_COUNT == (int)FILM_PART_COUNT, "a sum for each part");
 _Static_assert((int)CAMERA_PART_CAUSTICS == (int)FILM_PART_CAUSTICS, "film_error.h knows it");
+_Static_assert((int)CAMERA_PART_INTERREFLECTION == (int)FILM_PART_INTERREFLECTION, "likewise");
 
 /* One pass over all pixels. */
 typedef struct Round {

@@ -105,6 +105,7 @@ static bool ledger_entry(uint32_t effect, LedgerEntry *out_entry) {
                  {PLAN_TRANSMITTED_LIGHT, LEDGER_TRANSMITTED},
                  {PLAN_LIGHT_ON_SURFACES, LEDGER_SURFACES},
                  {PLAN_CAUSTICS, LEDGER_CAUSTICS},
+                 {PLAN_INTERREFLECTION, LEDGER_INTERREFLECTION},
                  {PLAN_DOUBLE_SCATTERING, LEDGER_DOUBLE},
                  {PLAN_MULTIPLE_SCATTERING, LEDGER_MULTIPLE}};
     for (uint32_t i = 0; i < sizeof known / sizeof known[0]; ++i)
@@ -193,11 +194,14 @@ static bool measured_share(const FilmShares *shares, uint32_t effect, double *ou
                  {PLAN_WORLD_LIGHT, CAMERA_PART_WORLD_LIGHT, false},
                  {PLAN_LIGHT_BOUNCES, CAMERA_PART_LIGHT_BOUNCES, false},
                  {PLAN_TRANSMITTED_LIGHT, CAMERA_PART_TRANSMITTED, false},
-                 {PLAN_CAUSTICS, CAMERA_PART_CAUSTICS, false}};
+                 {PLAN_CAUSTICS, CAMERA_PART_CAUSTICS, false},
+                 {PLAN_INTERREFLECTION, CAMERA_PART_INTERREFLECTION, false}};
     for (uint32_t i = 0; i < sizeof known / sizeof known[0]; ++i)
         if (known[i].effect == effect) {
             *out_share = (known[i].is_order ? shares->orders : shares->parts)[known[i].index];
-            return effect == PLAN_CAUSTICS ? shares->has_caustics : shares->is_known;
+            return effect == PLAN_CAUSTICS          ? shares->has_caustics
+                   : effect == PLAN_INTERREFLECTION ? shares->has_any
+                                                    : shares->is_known;
         }
     return false;
 }

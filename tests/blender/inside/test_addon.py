@@ -13,8 +13,8 @@ SETTINGS = {
     "kernel_size": 4.0, "tube_refinement": 0, "effects": "AUTO", "use_single_scattering": True,
     "use_double_scattering": False, "use_multiple_scattering": False,
     "use_world_light": False, "use_surface_reflection": True, "use_background": True,
-    "use_transmitted_light": True, "use_caustics": True, "light_bounces": 0,
-    "camera_bounces": 0, "adjoint_normals": True, "seed": 0,
+    "use_transmitted_light": True, "use_caustics": True, "use_interreflection": True,
+    "light_bounces": 0, "camera_bounces": 0, "adjoint_normals": True, "seed": 0,
     "scatter_estimator": "AUTO", "scatter_order_max": 0, "memory_limit": 0,
     "report_path": "", "exr_path": "",
 }  # fmt: skip

@@ -373,6 +373,49 @@ def test_depth_is_that_of_cycles(small, real_library, render_to, kind):
     assert np.abs(ours - cycles)[:, 7:].max() <= span
 
 
+def test_walls_light_one_another_as_in_cycles(small, real_library, render_to):
+    """A room with a red wall and a lamp; in most of the picture half of the light is the walls'."""
+    if "cycles" not in dir(small):
+        pytest.skip("no Cycles")
+    bpy.ops.mesh.primitive_cube_add(size=4, location=(0, -0.5, 0))
+    room = bpy.context.object
+    room.scale.y = 2.5
+    colors = ((0.8, 0.8, 0.8), (0.9, 0.1, 0.1))
+    for color in colors:
+        material = bpy.data.materials.new("Wall")
+        if bpy.app.version < (5, 0):
+            material.use_nodes = True
+        nodes = material.node_tree.nodes
+        nodes.clear()
+        wall = nodes.new("ShaderNodeBsdfDiffuse")
+        wall.inputs["Color"].default_value = (*color, 1)
+        output = nodes.new("ShaderNodeOutputMaterial")
+        material.node_tree.links.new(wall.outputs[0], output.inputs[0])
+        room.data.materials.append(material)
+    next(p for p in room.data.polygons if p.normal.x < -0.9).material_index = 1
+    bpy.ops.object.light_add(type="POINT", location=(0.5, 0, 0.8))
+    bpy.context.object.data.energy, bpy.context.object.data.shadow_soft_size = 100, 0
+    small.camera.data.lens = 18
+    seen = {}
+    for engine in ("CYCLES", "AMBERLIGHT"):
+        small.render.engine = engine
+        small.amberlight.samples = small.cycles.samples = 256
+        small.cycles.use_denoising = False
+        small.cycles.pixel_filter_type = "BOX"
+        small.cycles.max_bounces = small.cycles.diffuse_bounces = 64
+        small.cycles.sample_clamp_indirect = 0
+        channels = render_to(engine)
+        image = np.stack([channels[f"ViewLayer.Combined.{c}"] for c in "RGB"], axis=-1)
+        # Blocks of 4 x 4 pixels.
+        seen[engine] = image.reshape(2, 4, 3, 4, 3).mean(axis=(1, 3))
+    ours, cycles = seen["AMBERLIGHT"], seen["CYCLES"]
+    assert ours == pytest.approx(cycles, rel=0.04)
+    assert ours.mean() == pytest.approx(cycles.mean(), rel=0.01)
+    small.amberlight.effects, small.amberlight.use_interreflection = "MANUAL", False
+    alone = render_to("alone")["ViewLayer.Combined.R"]
+    assert alone.mean() < 0.6 * ours[..., 0].mean()
+
+
 def test_transparent_film(ball, real_library, render_to):
     ball.render.film_transparent = True
     channels = render_to()

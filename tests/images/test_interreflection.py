@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Light that opaque surfaces send one another: closed rooms, whose radiance is a geometric series
+of the walls' albedo, and what the planner makes of rooms that are open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from api import LIBRARY, Medium, _ffi, add_body, add_point, render, rgb, set_perspective
+from meshes import Mesh, box, icosphere
+
+pytestmark = pytest.mark.skipif(not LIBRARY.is_file(), reason=f"{LIBRARY} is not built")
+
+ALBEDO = np.array((0.8, 0.5, 0.2))
+SURFACES = (
+    _ffi.AMB_EFFECT_SURFACE_REFLECTION | _ffi.AMB_EFFECT_BACKGROUND | _ffi.AMB_EFFECT_CAUSTICS
+)
+ALL = SURFACES | _ffi.AMB_EFFECT_INTERREFLECTION
+NAME = "light between opaque surfaces"
+
+Scene = Any  # the binding's handle
+
+
+def add_walls(scene: Scene, mesh: Mesh, albedo: object, emission: object = 0.0) -> None:
+    material = scene.add_material(
+        "wall", surface=_ffi.AMB_SURFACE_DIFFUSE, albedo=rgb(albedo), emission=rgb(emission)
+    )
+    shape = scene.add_mesh("wall", mesh.positions, mesh.triangles)
+    scene.add_object("wall", shape, np.eye(4).tolist(), [material])
+
+
+def seen(build: Callable[[Scene], None], **params: object) -> np.ndarray:
+    """Radiance by pixel, RGB."""
+    settings = {"effects": ALL, "samples": 256, "light_samples": 2**14} | params
+    return render(build, 8, "Combined", **settings).pixels[..., :3].astype(np.float64)
+
+
+@pytest.mark.parametrize("has_glass", [False, True])
+def test_glowing_walls_light_one_another(has_glass: bool) -> None:
+    """Radiance is the same everywhere in a closed room that glows evenly, also through clear glass
+    that the light passes on its way from wall to wall."""
+
+    def build(scene: Scene) -> None:
+        add_walls(scene, box((-2, -2, -2), (2, 2, 2)), ALBEDO, 0.3)
+        if has_glass:
+            add_body(scene, icosphere(3), Medium(1.5, 0, 0))
+        set_perspective(scene, (0.3, 0.2, 1.9), (0, 0, -1), (0, 1, 0), 1.2)
+
+    image = seen(build, camera_bounces=64)
+    expected = 0.3 / (1 - ALBEDO)
+    # Where the walls reflect most a sample's standard deviation is 1.2 of the mean.
+    assert image.mean(axis=(0, 1)) == pytest.approx(expected, rel=0.02)
+    assert image.reshape(-1, 3) == pytest.approx(np.tile(expected, (64, 1)), rel=0.4)
+
+
+def test_a_lamp_in_a_white_ball() -> None:
+    """An integrating sphere: the walls of radius R have the irradiance I / R^2 from a lamp in the
+    middle, and everywhere the same of each other's light."""
+
+    def build(scene: Scene) -> None:
+        ball = icosphere(5)
+        add_walls(scene, Mesh(3.0 * ball.positions, ball.triangles), ALBEDO)
+        add_point(scene, (0, 0, 0), 9.0 * np.pi)
+        set_perspective(scene, (0, 0, 1), (0, 0, -1), (0, 1, 0), 1.2)
+
+    direct = seen(build, effects=SURFACES, samples=4).mean(axis=(0, 1))
+    assert direct == pytest.approx(ALBEDO, rel=0.01)
+    assert seen(build).mean(axis=(0, 1)) == pytest.approx(ALBEDO / (1 - ALBEDO), rel=0.02)
+
+
+def corner(angle: float) -> Mesh:
+    """Two squares with an edge in common; 180 degrees is a plane."""
+    x, z = -np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    points = [(1, -1, 0), (1, 1, 0), (0, 1, 0), (0, -1, 0), (x, 1, z), (x, -1, z)]
+    faces = [(0, 1, 2), (0, 2, 3), (3, 2, 4), (3, 4, 5)]
+    return Mesh(np.array(points, dtype=np.float64), np.array(faces, dtype=np.uint32))
+
+
+def plan_of(report: dict[str, Any]) -> dict[str, Any]:
+    return next(effect for effect in report["effects"] if effect["name"] == NAME)
+
+
+@pytest.mark.parametrize(("angle", "simulated"), [(180.0, False), (90.0, True)])
+def test_auto_follows_it_only_where_it_shows(angle: float, simulated: bool) -> None:
+    def build(scene: Scene) -> None:
+        add_walls(scene, corner(angle), 0.8)
+        add_point(scene, (0.5, 0, 1), 1.0)
+        set_perspective(scene, (2, 0, 2), (-1, 0, -1), (0, 1, 0), 0.7)
+
+    settings = {"effects": ALL, "samples": 64, "effects_are_auto": 1}
+    image = render(build, 8, "Combined", **settings)
+    plan = plan_of(image.report)
+    assert plan["simulated"] is simulated
+    if simulated:
+        # What was predicted is what the picture has.
+        assert plan["share"]["low"] <= plan["measured"] * 1.05
+        assert plan["measured"] * 0.95 <= plan["share"]["high"]
+    bare = render(build, 8, "Combined", **{**settings, "effects": SURFACES})
+    difference = image.pixels[..., 0].mean() - bare.pixels[..., 0].mean()
+    assert difference > 0 if simulated else difference == 0
