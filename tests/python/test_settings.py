@@ -13,6 +13,7 @@ DOUBLE = _ffi.AMB_EFFECT_DOUBLE_SCATTERING
 MULTIPLE = _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
 WORLD = _ffi.AMB_EFFECT_WORLD_LIGHT
 CAUSTICS = _ffi.AMB_EFFECT_CAUSTICS
+BETWEEN = _ffi.AMB_EFFECT_INTERREFLECTION
 SURFACE = _ffi.AMB_EFFECT_SURFACE_REFLECTION
 BACKGROUND = _ffi.AMB_EFFECT_BACKGROUND
 TRANSMITTED = _ffi.AMB_EFFECT_TRANSMITTED_LIGHT
@@ -31,7 +32,7 @@ def test_params_are_fields_of_the_struct():
 
 def test_automatic_effects():
     everything = SINGLE | DOUBLE | MULTIPLE | WORLD | SURFACE | BACKGROUND | TRANSMITTED
-    everything |= CAUSTICS
+    everything |= CAUSTICS | BETWEEN
     assert effects() == everything
     # The booleans count only when the user chooses.
     assert effects(use_background=False) == everything
@@ -40,9 +41,9 @@ def test_automatic_effects():
 
 def test_manual_effects():
     bits = effects(effects="MANUAL", use_background=False, use_caustics=False)
-    assert bits == SINGLE | SURFACE | TRANSMITTED
+    assert bits == SINGLE | SURFACE | TRANSMITTED | BETWEEN
     bits = effects(effects="MANUAL", use_double_scattering=True)
-    assert bits == SINGLE | DOUBLE | SURFACE | BACKGROUND | TRANSMITTED | CAUSTICS
+    assert bits == SINGLE | DOUBLE | SURFACE | BACKGROUND | TRANSMITTED | CAUSTICS | BETWEEN
     params = render_params(Settings(effects="MANUAL", memory_limit=3), Frame(4, 4))
     assert (params["effects_are_auto"], params["memory_limit"]) == (0, 3 << 20)
 
