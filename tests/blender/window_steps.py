@@ -39,9 +39,12 @@ def _tick() -> float:
     try:
         if steps[0]() is not False:
             steps.pop(0)
-    except Exception:
-        traceback.print_exc()
-        os._exit(1)
+    except Exception as error:
+        # For a moment, while a preview's thread calls Python, Blender refuses what a timer may
+        # write; no step has written anything by then, and it is tried again.
+        if "Writing to ID classes" not in str(error):
+            traceback.print_exc()
+            os._exit(1)
     return 0.3
 
 
