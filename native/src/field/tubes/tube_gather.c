@@ -161,12 +161,29 @@ static inline void clip(const Lanes a[CLIP_COUNT], const Lanes b[CLIP_COUNT], La
 
 /* The way of light and view through the medium along a stretch of a chord. */
 typedef struct Way {
-    Lanes middle; /* m, in the middle */
+    Lanes middle; /* m, where everything else is taken */
     Lanes change; /* m, from one end to the other */
+    Lanes ahead;  /* of the stretch, from its middle to there, towards the shorter way */
     /* Where the light is thick: */
     Lanes near;  /* m, at the end where it is shorter */
     Lanes ratio; /* of `over` (see Meeting) at the near end to that at the far one */
 } Way;
+
+/* Where the light fades along the stretch, most of it is not in the middle: flux that changes along
+ * it, as where light grazes a wall, must not be taken from there. int u exp(-2 y u) du over that of
+ * the exponential alone, -1/2 < u < 1/2, is -(coth y - 1/y) / 2. */
+static inline Lanes ahead_of_middle(float sigma_t, const Way *way, bool may_be_thick) {
+    const Lanes y = (0.5f * sigma_t) * abs_lanes(way->change);
+    const Lanes y2 = y * y;
+    const Lanes thin = y * (1.0f / 6.0f - y2 * (1.0f / 90.0f - y2 * (1.0f / 945.0f)));
+    const LaneMask is_thick = y > 1.0f;
+    if (!may_be_thick || lanes_bits(is_thick) == 0)
+        return thin;
+    const Lanes twice = 2.0f * lanes_max(y, lanes_set(1.0f));
+    const Lanes left = lanes_exp_negative(-twice);
+    const Lanes u = 1.0f / twice - left / (1.0f - left);
+    return lanes_select(is_thick, 0.5f - way->ratio * u / (1.0f - u + u * way->ratio), thin);
+}
 
 /* Mean of exp(-sigma_t way) over the stretch. Thin: the value in the middle times sinh(y)/y, y =
  * sigma_t change / 2. Thick: the light is gone in the middle, and what counts is the near end. From
@@ -175,7 +192,10 @@ typedef struct Way {
 static inline Lanes fade_along(float sigma_t, const Way *way, bool may_be_thick) {
     const Lanes y = (0.5f * sigma_t) * abs_lanes(way->change);
     const Lanes y2 = y * y;
+    /* Back to the middle: the way there is longer. */
+    const Lanes x = 2.0f * y * way->ahead;
     const Lanes thin = lanes_exp_negative(-sigma_t * way->middle) *
+                       (1.0f - x * (1.0f - x * (0.5f - x * (1.0f / 6.0f)))) *
                        (1.0f + y2 * (1.0f / 6.0f + y2 * (1.0f / 120.0f + y2 * (1.0f / 5040.0f))));
     const LaneMask is_thick = y > 1.0f;
     if (!may_be_thick || lanes_bits(is_thick) == 0)
@@ -508,7 +528,8 @@ static inline Lanes frequency_of(const Tubes *tubes, Lanes3 area, Lanes3 w, Lane
 /* An end of a chord: its light line and what the tube has there. */
 typedef struct End {
     Lanes3 from, w; /* from the camera ray's o */
-    Lanes value, limit, start;
+    Lanes value;    /* or its root: see ChordGather */
+    Lanes limit, start;
 } End;
 
 static inline Lanes lerp(Lanes a, Lanes b, Lanes q) {
@@ -530,6 +551,7 @@ typedef struct ChordGather {
     const Medium *medium;
     const Query *q;
     Sums *sums;
+    LaneMask is_root; /* of values the ends have the roots */
 } ChordGather;
 
 /* Adds what a chord from b to c sends along the segment, density per part of the chord; n tells the
@@ -556,8 +578,35 @@ static inline void gather_chord(const ChordGather *gather, const End *b, const E
     if (lanes_bits(is_hit) == 0)
         return;
 
-    /* Everything else in the middle of that part. */
-    const Lanes qm = half * (q0 + q1);
+    /* The way to the ends of the chord's part. */
+    const Medium *medium = gather->medium;
+    const Lanes path_b = meet_b.along + meet_b.depth, path_c = meet_c.along + meet_c.depth;
+    const Lanes over0 = lerp(meet_b.over, meet_c.over, q0);
+    const Lanes over1 = lerp(meet_b.over, meet_c.over, q1);
+    const Lanes path0 = lerp(path_b, path_c, q0), path1 = lerp(path_b, path_c, q1);
+    const Lanes start0 = lerp(b->start, c->start, q0), start1 = lerp(b->start, c->start, q1);
+    Way way = {.change = (path1 * over0 - path0 * over1) / (over0 * over1) + (start1 - start0)};
+    const bool may_be_thick =
+        lanes_bits((0.5f * rgb_max(medium->sigma_t)) * abs_lanes(way.change) > 1.0f) != 0;
+    if (may_be_thick) {
+        /* Between corners directions are shorter than unit. */
+        const Lanes3 w = lerp3(b->w, c->w, half);
+        const Lanes missing = lanes_sqrt(dot3(w, w)) - 1.0f;
+        const Lanes depth0 = lerp(meet_b.depth, meet_c.depth, q0);
+        const Lanes depth1 = lerp(meet_b.depth, meet_c.depth, q1);
+        const Lanes way0 = (path0 + missing * depth0) / over0 + start0;
+        const Lanes way1 = (path1 + missing * depth1) / over1 + start1;
+        const LaneMask is_rising = way0 < way1;
+        way.change = way1 - way0;
+        way.near = lanes_max(lanes_min(way0, way1) - q->near, zero);
+        way.ratio = lanes_select(is_rising, over0, over1) / lanes_select(is_rising, over1, over0);
+    }
+
+    /* Everything else where most of the light is: in the middle of that part, but for what fades
+     * along it. */
+    way.ahead = ahead_of_middle(rgb_mean(medium->sigma_t), &way, may_be_thick);
+    const Lanes back = lanes_select(way.change > 0.0f, way.ahead, -way.ahead);
+    const Lanes qm = half * (q0 + q1) - back * (q1 - q0);
     const End middle = end_between(b, c, qm);
     Meeting m = {.from = middle.from, .w = middle.w};
     const Lanes3 normal = cross3(d, m.w);
@@ -567,31 +616,21 @@ static inline void gather_chord(const ChordGather *gather, const End *b, const E
     const Lanes unit = lanes_sqrt(unit2);
     const Lanes t = lanes_max(m.along * inverse - q->near, zero);
     const Lanes s = lanes_max(m.depth * inverse, zero);
-    /* The way to here, and at the ends of the chord's part. */
-    const Lanes path_b = meet_b.along + meet_b.depth, path_c = meet_c.along + meet_c.depth;
-    const Lanes over0 = lerp(meet_b.over, meet_c.over, q0);
-    const Lanes over1 = lerp(meet_b.over, meet_c.over, q1);
-    const Lanes path0 = lerp(path_b, path_c, q0), path1 = lerp(path_b, path_c, q1);
-    const Lanes start0 = lerp(b->start, c->start, q0), start1 = lerp(b->start, c->start, q1);
-    Way way = {.middle = s * unit + t + middle.start,
-               .change = (path1 * over0 - path0 * over1) / (over0 * over1) + (start1 - start0)};
-    const bool may_be_thick =
-        lanes_bits((0.5f * rgb_max(gather->medium->sigma_t)) * abs_lanes(way.change) > 1.0f) != 0;
-    if (may_be_thick) {
-        const Lanes way0 = path0 / over0 + start0, way1 = path1 / over1 + start1;
-        const LaneMask is_rising = way0 < way1;
-        way.change = way1 - way0;
-        way.near = lanes_max(lanes_min(way0, way1) - q->near, zero);
-        way.ratio = lanes_select(is_rising, over0, over1) / lanes_select(is_rising, over1, over0);
-    }
+    way.middle = s * unit + t + middle.start;
 
-    const Medium *medium = gather->medium;
     const TubeLight *light = gather->light;
     Lanes scatter[3];
     medium_scattering_lanes(medium, dot3(m.w, d) / unit, m.over / unit2, scatter);
     const Lanes3 area = area_of(gather->tubes);
-    const Lanes value =
-        middle.value * flux_share(gather->tubes, light, area, m.w, unit) * density * (q1 - q0);
+    const Lanes part = q1 - q0;
+    Lanes value = middle.value;
+    if (light->value == TUBE_VALUE_LEAVES) {
+        /* The mean of a square is that of the middle and the variance. */
+        const Lanes change = (c->value - b->value) * part;
+        const Lanes square = value * value + change * change * (1.0f / 12.0f);
+        value = lanes_select(gather->is_root, square, value);
+    }
+    value *= flux_share(gather->tubes, light, area, m.w, unit) * density * part;
     const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
     const float color[3] = {light->color.r, light->color.g, light->color.b};
     Lanes total = zero;
@@ -637,27 +676,38 @@ static inline void gather_turning(const ChordGather *gather, const End *b, const
     }
 }
 
-/* The ends of the chord, on the edges from the odd corner, at parts cut_b and cut_c of them. */
-static inline void chord_ends(const Tubes *tubes, const Odd *odd, Lanes cut_b, Lanes cut_c,
-                              bool has_start, Lanes3 o, End *b, End *c) {
+/* The ends of the chord, on the edges from the odd corner, at parts cut_b and cut_c of them. Of
+ * values the roots are linear over a tube, where its corners have them and all are lit: is_root. */
+static inline LaneMask chord_ends(const Tubes *tubes, const Odd *odd, Lanes cut_b, Lanes cut_c,
+                                  uint32_t value, Lanes3 o, End *b, End *c) {
     Lanes *const ends[2][CORNER_SIZE] = {
         {&b->from.x, &b->from.y, &b->from.z, &b->w.x, &b->w.y, &b->w.z, &b->value, &b->limit},
         {&c->from.x, &c->from.y, &c->from.z, &c->w.x, &c->w.y, &c->w.z, &c->value, &c->limit}};
+    LaneMask is_root = {0};
 #pragma GCC unroll 8
     for (int r = 0; r < CORNER_SIZE; ++r) {
-        const Turned t = turn(odd, tubes->rows[0][r], tubes->rows[1][r], tubes->rows[2][r]);
+        Turned t = turn(odd, tubes->rows[0][r], tubes->rows[1][r], tubes->rows[2][r]);
+        if (r == CORNER_VALUE && value == TUBE_VALUE_LEAVES) {
+            is_root = lanes_min(t.v, lanes_min(t.b, t.c)) > 0.0f;
+            if (lanes_bits(is_root) != LANES_ALL) {
+                t.v = lanes_select(is_root, t.v, t.v * t.v);
+                t.b = lanes_select(is_root, t.b, t.b * t.b);
+                t.c = lanes_select(is_root, t.c, t.c * t.c);
+            }
+        }
         *ends[0][r] = t.v + cut_b * (t.b - t.v);
         *ends[1][r] = t.v + cut_c * (t.c - t.v);
     }
     b->from = sub3(b->from, o);
     c->from = sub3(c->from, o);
     b->start = c->start = lanes_set(0.0f);
-    if (has_start) {
+    if (value == TUBE_VALUE_IS_FLUX) {
         const Turned t = turn(odd, tubes->rows[0][ROW_START], tubes->rows[1][ROW_START],
                               tubes->rows[2][ROW_START]);
         b->start = t.v + cut_b * (t.b - t.v);
         c->start = t.v + cut_c * (t.c - t.v);
     }
+    return is_root;
 }
 
 /* Adds what tubes that are crossed send along the segment. A lane whose f does not
@@ -676,8 +726,8 @@ static inline void gather_tubes(const Tubes *tubes, const Lanes *soft, const Tub
     const Lanes cut_b = f.v / gap_b, cut_c = f.v / gap_c;
     const Lanes density = soft != NULL ? *soft : 2.0f * cut_b / abs_lanes(gap_c);
     End b, c;
-    chord_ends(tubes, &odd, cut_b, cut_c, light->value == TUBE_VALUE_IS_FLUX, o, &b, &c);
-    const ChordGather gather = {tubes, light, medium, q, sums};
+    const LaneMask is_root = chord_ends(tubes, &odd, cut_b, cut_c, light->value, o, &b, &c);
+    const ChordGather gather = {tubes, light, medium, q, sums, is_root};
     const Lanes3 n = cross3(d, lerp3(b.w, c.w, half)), turned = cross3(n, d);
     const Lanes over_b = dot3(b.w, turned), over_c = dot3(c.w, turned);
     const LaneMask turns =

@@ -9,7 +9,9 @@
 #include "math/vec3.h"
 
 /* How values at corners become flux: dPhi of a whole piece is the value at a point of it times
- * what follows. */
+ * what follows. With the adjoint factor it is as the square of the cosine where light grazes, which
+ * linear interpolation makes half too large between 0 and the next corner: corners have its root,
+ * which is linear there, and where one is dark and light falls off to it, values are linear. */
 enum {
     TUBE_VALUE_IS_FLUX = 0, /* 1: values are W, of the piece if all of it were like the corner */
     TUBE_VALUE_ARRIVES = 1, /* wi . A for a sun, (light - x) . A for a light with a position */

@@ -323,7 +323,9 @@ static AmbStatus emit_tube(const Face *face, const Corner corners[3], float area
         tube->limit[k] = corner->end.limit;
         tube->far = fmaxf(tube->far, corner->end.reach);
         tube->blur = fmaxf(tube->blur, BLUR_SLACK * corner->blur);
-        tube->value[k] = corner->is_lit ? corner->value : 0.0f;
+        tube->value[k] = !corner->is_lit                   ? 0.0f
+                         : cutter->params->adjoint_normals ? sqrtf(corner->value)
+                                                           : corner->value;
         is_bright = is_bright || flux > 0.0f;
         const double third = (double)flux / 3.0;
         const Rgb left = medium_transmittance(medium, corner->end.reach);
