@@ -10,7 +10,8 @@
 enum {
     PROBE_PIXELS = 1 << 12, /* at least, where the image has so many */
     PROBE_BLOCK_MAX = 8,
-    PROBE_SAMPLES = 8,        /* of a pixel, and more where there are few pixels, */
+    PROBE_SAMPLES_FIRST = 4,  /* of a pixel; where they do not tell enough */
+    PROBE_SAMPLES = 8,        /* so many, and more where there are few pixels, */
     PROBE_SAMPLES_MANY = 128, /* and of one where fields differ by the square more than */
     PROBE_FOCUS = 2,          /* times the mean */
 };
@@ -46,7 +47,7 @@ AmbStatus probe_create(uint32_t width, uint32_t height, double small, Probe *out
     if (out_probe->shows == NULL || out_probe->counts == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the light field's error");
     for (uint64_t i = 0; i < blocks; ++i)
-        out_probe->counts[i] = PROBE_SAMPLES;
+        out_probe->counts[i] = PROBE_SAMPLES_FIRST;
     return AMB_OK;
 }
 
@@ -250,10 +251,10 @@ static void raise_count(Probe *probe, uint64_t block, uint32_t count) {
 AmbStatus probe_refine(Probe *probe, const ProbeSight sights[], bool has_folds, Job *job) {
     const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
     const uint32_t newest = probe->level_count - 1;
-    uint32_t samples = PROBE_SAMPLES;
+    uint32_t samples = PROBE_SAMPLES_FIRST;
     Knowledge knowledge = judge(probe);
     while (knowledge == KNOWS_LITTLE && samples < PROBE_SAMPLES_MANY &&
-           samples * blocks < (uint64_t)PROBE_SAMPLES * PROBE_PIXELS) {
+           (samples < PROBE_SAMPLES || samples * blocks < (uint64_t)PROBE_SAMPLES * PROBE_PIXELS)) {
         samples *= 2;
         for (uint64_t i = 0; i < blocks; ++i)
             raise_count(probe, i, samples);
