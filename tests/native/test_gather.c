@@ -703,7 +703,7 @@ static void field_without_light_is_dark(void) {
     job_init(&job, 1);
     Field *field = NULL;
     ENSURE_STATUS(field_create(&scene, &light, &params, &job, &field), AMB_OK);
-    const FieldSegment segment = {{0, 0, 0}, {0, 0, 1}, 1.0f, 0, 0, NULL};
+    const FieldSegment segment = {{0, 0, 0}, {0, 0, 1}, 1.0f, 0, 0, 0.0f, NULL};
     const FieldRadiance out = field_gather(field, &segment);
     ENSURE(out.contribution == 0.0f && out.frequency == 0.0f && rgb_max(out.radiance) == 0.0f);
     ENSURE(field_size(field).volume_samples == 0);

@@ -146,7 +146,7 @@ static ScatterRadiance mean_radiance(const AmbScene *scene, const Scatter *scatt
             d = vec3_negate(d);
         const Vec3 o = scene_leave(&surface, d);
         ENSURE(scene_intersect(scene, o, d, INFINITY, &hit));
-        const FieldSegment segment = {o, d, hit.t, 0, 0, NULL};
+        const FieldSegment segment = {o, d, hit.t, 0, 0, 0.0f, NULL};
         const ScatterRadiance radiance = scatter_gather(scatter, &segment, rgb(0, 0, 0));
         sum.once = rgb_add(sum.once, rgb_scale(radiance.once, 1.0f / RAYS));
         sum.twice = rgb_add(sum.twice, rgb_scale(radiance.twice, 1.0f / RAYS));
@@ -333,7 +333,7 @@ static void no_light_is_negative(void) {
         double least = 0.0;
         for (int k = 0; k < 4 * RAYS; ++k) {
             const Vec3 o = vec3_scale(random_direction(&state), 0.9f);
-            const FieldSegment segment = {o, random_direction(&state), 0.1f, 0, 0, NULL};
+            const FieldSegment segment = {o, random_direction(&state), 0.1f, 0, 0, 0.0f, NULL};
             const ScatterRadiance radiance = scatter_gather(scatter, &segment, rgb(0, 0, 0));
             least = fmin(least,
                          (double)fminf(radiance.once.g, fminf(radiance.twice.g, radiance.more.g)));

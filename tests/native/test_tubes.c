@@ -4,6 +4,8 @@
 #include <string.h>
 
 #include "field/tubes/tube_gather.h"
+#include "scene/scene.h"
+#include "shapes.h"
 #include "test.h"
 
 static const double PI = 3.14159265358979323846;
@@ -162,7 +164,7 @@ static double brute_force(const Tube *tube, const Segment *segment, const Medium
 
 static FieldRadiance gather(TubeGather variant, const TubeTree *tree, const Medium *medium, Vec3 o,
                             Vec3 d, float length) {
-    const TubeRay ray = {o, d, length, true};
+    const TubeRay ray = {o, d, length, true, 1.0f};
     FieldRadiance out;
     variant(tree, medium, &ray, 1, &out);
     return out;
@@ -304,7 +306,7 @@ static void rays_do_not_depend_on_each_other(void) {
             /* Some run along the light. */
             const bool is_along = (trial + r) % 5 == 0;
             rays[r] = (TubeRay){is_along ? tube->x[0] : s.o, is_along ? tube->w[0] : s.d, s.length,
-                                r % 2 == 0};
+                                r % 2 == 0, 1.0f};
         }
         for (int v = 0; v < 2; ++v) {
             FieldRadiance together[TUBE_PACKET];
@@ -503,6 +505,67 @@ static void tree_does_not_depend_on_threads(void) {
     }
 }
 
+/* ---- A field of tubes ------------------------------------------------------------------------ */
+
+/* A lamp beside a ball whose walls reflect. */
+static AmbScene *lit_ball(void) {
+    AmbScene *scene = NULL;
+    ENSURE_STATUS(amb_scene_create(&scene), AMB_OK);
+    const AmbMaterial resin = shape_resin(1.5f, 0.3f, 0.1f, 0.2f);
+    uint32_t id = 0;
+    ENSURE_STATUS(amb_scene_add_material(scene, &resin, &id), AMB_OK);
+    Shape ball = shape_sphere(12, 24);
+    const AmbMesh mesh = shape_mesh(&ball, "ball", true);
+    shape_add(scene, &mesh, id, 1.0f, 0.0f, 0.0f, 0.0f);
+    shape_free(&ball);
+    AmbLight lamp;
+    amb_light_init(&lamp, AMB_LIGHT_POINT);
+    lamp.position[0] = 3.0f;
+    lamp.color[0] = lamp.color[1] = lamp.color[2] = 10.0f;
+    ENSURE_STATUS(amb_scene_add_light(scene, &lamp, &id), AMB_OK);
+    shape_commit(scene);
+    Job job;
+    job_init(&job, 1);
+    ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
+    return scene;
+}
+
+/* What walls reflect counts as often as a segment says, and each gets what it would alone. */
+static void reflected_light_is_weighed(void) {
+    static const float excesses[] = {0.0f, -1.0f, 2.0f};
+    AmbScene *scene = lit_ball();
+    Job job;
+    job_init(&job, 1);
+    const FieldParams params = {.estimator = AMB_ESTIMATOR_TUBES, .light_bounces = 1};
+    Field *field = NULL;
+    ENSURE_STATUS(field_create(scene, NULL, &params, &job, &field), AMB_OK);
+    uint64_t state = 23;
+    double worst = 0.0, reflected = 0.0;
+    for (int trial = 0; trial < 100; ++trial) {
+        FieldSegment segments[3];
+        FieldRadiance together[3], alone[3];
+        const Vec3 p = random_point(&state, 0.5), d = random_direction(&state);
+        for (int i = 0; i < 3; ++i)
+            segments[i] =
+                (FieldSegment){.o = p, .d = d, .length = 0.5f, .reflected_excess = excesses[i]};
+        field_gather_many(field, segments, 3, 0, together);
+        for (int i = 0; i < 3; ++i) {
+            alone[i] = field_gather(field, &segments[i]);
+            ENSURE(memcmp(&alone[i], &together[i], sizeof alone[i]) == 0);
+            const double expected =
+                (double)alone[0].radiance.g + (double)excesses[i] * (double)alone[0].reflected.g;
+            worst = test_worse(worst, fabs((double)alone[i].radiance.g - expected) /
+                                          ((double)alone[0].radiance.g + 1e-6));
+        }
+        ENSURE(alone[1].reflected.g == 0.0f);
+        reflected += (double)alone[0].reflected.g;
+    }
+    ENSURE(reflected > 0.0);
+    ENSURE_NEAR(worst, 0.0, 1e-4);
+    field_destroy(field);
+    amb_scene_destroy(scene);
+}
+
 void test_tubes(void);
 
 void test_tubes(void) {
@@ -515,4 +578,5 @@ void test_tubes(void) {
     RUN(patches_share_corners);
     RUN(bent_tubes_are_quartered);
     RUN(tree_does_not_depend_on_threads);
+    RUN(reflected_light_is_weighed);
 }

@@ -27,6 +27,7 @@ static void note_light(CameraSample *sample, Rgb throughput, const FieldRadiance
 FieldRadiance walker_gather(Walker *walker, FieldSegment segment, Rgb throughput) {
     LedgerClock *clock = &walker->clock;
     FieldTimes times = {0.0, 0.0};
+    segment.reflected_excess = walker_reflected_excess(walker);
     segment.times = clock->ledger != NULL ? &times : NULL;
     FieldRadiance gathered;
     /* Timed ones do not wait, and tell the frequency for that. */
@@ -57,6 +58,7 @@ static void gather_single(Walker *walker, const CameraWay *way, const FieldSegme
                           Rgb throughput) {
     if (walker->waiting != NULL && !walker->waiting->is_there && walker->clock.ledger == NULL) {
         *walker->waiting = (WaitingGather){*segment, *way, throughput, true};
+        walker->waiting->segment.reflected_excess = walker_reflected_excess(walker);
         return;
     }
     const LedgerEntry before = ledger_open(&walker->clock, LEDGER_SINGLE);
@@ -75,6 +77,7 @@ static void pass_medium(Walker *walker, Branch *branch, float length) {
                                   branch->before + length,
                                   medium_stack_top(&branch->stack),
                                   walker->part,
+                                  0.0f,
                                   NULL};
     if (walker->observer != NULL && medium_scatters(medium))
         walker->observer->see_medium(walker->observer->user, &branch->way, &segment, 0,

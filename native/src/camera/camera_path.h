@@ -35,6 +35,8 @@ typedef struct CameraParams {
     uint32_t part_count; /* of the light field and of caustics: a sample sees the light of one part,
                           * a pixel of all in turn; 0: all of it at once */
     bool gathers_by_chance; /* along branches of little throughput */
+    float reflected_chance; /* of each gather to look at light that was reflected inside, for as
+                             * much more of it; 0: always, see FieldSegment */
     uint32_t order_max;     /* scatterings after which light is left out; 0: no limit */
     bool film_transparent;
     bool may_start_inside;  /* a translucent object is near where camera rays begin */

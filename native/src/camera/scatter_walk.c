@@ -241,7 +241,7 @@ static void gather(Walk *walk, float length) {
     if (walk->order == 0 || !wants_order(walker->params, walk->order + 1))
         return;
     const FieldSegment segment = {walk->o,      walk->d, length, medium_stack_top(&walk->stack),
-                                  walker->part, NULL};
+                                  walker->part, 0.0f,    NULL};
     if (walker->observer != NULL)
         walker->observer->see_medium(walker->observer->user, &walker->way, &segment, walk->order,
                                      walk->throughput);
@@ -294,8 +294,13 @@ static void gather_straight(Walk *walk, const Medium *medium, float length, Rgb 
         more = rgb_mul(straight, forward_some(scatter_forward_depth(walk->forward, straight, s)));
         weight *= reach * expf(rate * s) / (1.0f - chance);
     }
-    const FieldSegment segment = {vec3_madd(walk->o, s, walk->d), walk->d,      length - s,
-                                  medium_stack_top(&walk->stack), walker->part, NULL};
+    const FieldSegment segment = {vec3_madd(walk->o, s, walk->d),
+                                  walk->d,
+                                  length - s,
+                                  medium_stack_top(&walk->stack),
+                                  walker->part,
+                                  0.0f,
+                                  NULL};
     const Rgb factor = rgb_scale(medium_transmittance(medium, s), weight);
     if (!wants_order(walker->params, 3))
         more = rgb(0, 0, 0);
@@ -310,7 +315,7 @@ static void gather_straight(Walk *walk, const Medium *medium, float length, Rgb 
 static void gather_later(Walk *walk, const Medium *medium, float length) {
     const CameraParams *params = walk->walker->params;
     const FieldSegment segment = {
-        walk->o, walk->d, length, medium_stack_top(&walk->stack), walk->walker->part, NULL};
+        walk->o, walk->d, length, medium_stack_top(&walk->stack), walk->walker->part, 0.0f, NULL};
     const ScatterRadiance radiance = scatter_gather(params->scatter, &segment, walk->forward);
     if ((params->effects & AMB_EFFECT_WORLD_LIGHT) != 0 && wants_order(params, 1))
         add(walk, 1, radiance.once);

@@ -83,7 +83,7 @@ static void pass_medium(Walker *walker, LightPath *path, float length, Rgb glow)
         const float gathers = is_wanted ? walker_gathers(walker, throughput) : 0.0f;
         if (gathers > 0.0f) {
             const FieldSegment segment = {
-                path->o, path->d, length, medium_stack_top(&path->stack), walker->part, NULL};
+                path->o, path->d, length, medium_stack_top(&path->stack), walker->part, 0.0f, NULL};
             const Rgb weight = rgb_scale(throughput, gathers);
             const FieldRadiance gathered = walker_gather(walker, segment, weight);
             Rgb *single = &walker->out->orders[0];

@@ -74,6 +74,14 @@ static inline float walker_gathers(Walker *walker, Rgb throughput) {
     return walker_random(walker) < chance ? 1.0f / chance : 0.0f;
 }
 
+/* For a gather's FieldSegment: reflected light by chance. */
+static inline float walker_reflected_excess(Walker *walker) {
+    const float chance = walker->params->reflected_chance;
+    if (!(chance > 0.0f))
+        return 0.0f;
+    return walker_random(walker) < chance ? 1.0f / chance - 1.0f : -1.0f;
+}
+
 static inline Rgb rgb_madd(Rgb a, Rgb b, Rgb c) {
     return rgb_add(a, rgb_mul(b, c));
 }

@@ -142,12 +142,16 @@ void field_destroy(Field *field) {
 static FieldRadiance gather_points(const Field *field, const FieldSegment *segment) {
     const PointCloud *clouds = &field->clouds[segment->object * field->part_count];
     const bool is_part = segment->part > 0 && field->part_count > 1;
-    const float scale = is_part ? (float)field->part_count : 1.0f;
+    const float whole = is_part ? (float)field->part_count : 1.0f;
     FieldRadiance sum = {.radiance = {0, 0, 0}};
     PointCount met = {.all = 0};
     const double begin = segment->times != NULL ? clock_thread_cpu() : 0.0;
     for (uint32_t k = 0; k < field->part_count; ++k) {
-        if (clouds[k].count.all == 0 || (is_part && segment->part != k + 1))
+        /* Beside tubes points may have nothing but what these leave of reflections. */
+        const bool is_late =
+            field->tubes != NULL && clouds[k].count.reflected == clouds[k].count.all;
+        const float scale = is_late ? whole * (1.0f + segment->reflected_excess) : whole;
+        if (clouds[k].count.all == 0 || (is_part && segment->part != k + 1) || !(scale > 0.0f))
             continue;
         const FieldRadiance part = points_gather(&clouds[k], segment->o, segment->d,
                                                  segment->length, segment->times ? &met : NULL);
@@ -172,8 +176,9 @@ static void gather_tubes(const Field *field, const FieldSegment segments[], uint
         for (; end < count && segments[end].object == o &&
                (end == begin || (segments[end].times == NULL && segments[begin].times == NULL));
              ++end)
-            rays[end - begin] = (TubeRay){segments[end].o, segments[end].d, segments[end].length,
-                                          (with_frequency >> end & 1) != 0};
+            rays[end - begin] =
+                (TubeRay){segments[end].o, segments[end].d, segments[end].length,
+                          (with_frequency >> end & 1) != 0, 1.0f + segments[end].reflected_excess};
         if (field->tubes[o].tube_count > 0)
             tubes_gather(&field->tubes[o], rays, end - begin, segments[begin].times, out + begin);
         begin = end;

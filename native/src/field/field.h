@@ -31,12 +31,15 @@ typedef struct FieldTimes {
 
 /* A straight stretch of a camera path inside one medium. */
 typedef struct FieldSegment {
-    Vec3 o, d;         /* d unit, direction of travel away from the camera */
-    float length;      /* m, finite */
-    uint32_t object;   /* whose medium */
-    uint32_t part;     /* 0: all light; k: that of part k of the field, as if it were all: over the
-                        * parts the mean is the whole */
-    FieldTimes *times; /* NULL: not asked for */
+    Vec3 o, d;       /* d unit, direction of travel away from the camera */
+    float length;    /* m, finite */
+    uint32_t object; /* whose medium */
+    uint32_t part;   /* 0: all light; k: that of part k of the field, as if it were all: over the
+                      * parts the mean is the whole */
+    float reflected_excess; /* what light that was reflected inside counts for beyond once, where
+                             * tubes carry the rest: 0 as it is, -1 not at all, which saves its
+                             * time */
+    FieldTimes *times;      /* NULL: not asked for */
 } FieldSegment;
 
 typedef struct FieldRadiance {

@@ -25,6 +25,10 @@ static const double HIDDEN_NOISE = 0.5;
 static const double SMALL_NOISE = 0.25;
 /* a little below. */
 static const double SPARE_USED = 0.9;
+/* See choose_reflected_chance; within a pixel and along a walk light varies more than the rms over
+ * pixels. And samples to a noise go as this power of 1 / noise, of variances c n^-3/2. */
+static const double REFLECTED_NOISE = 0.1, REFLECTED_SPREAD = 2.0, REFLECTED_CHANCE_MIN = 0.125;
+static const double SAMPLES_ORDER = 4.0 / 3.0;
 /* One sequence is more even than its halves tell: its error is about this part of theirs, 1 for
  * noise without order, 0.6 where n^-3/2 holds ([Owen97] for scrambled nets; measured in
  * docs/accuracy.md). */
@@ -121,6 +125,24 @@ static bool is_calm(Accuracy *accuracy, double out_targets[ACCURACY_SET_MAX]) {
     return is_calm;
 }
 
+/* Where light that walls reflect is little of the picture, AUTO looks at it in a part of the
+ * gathers: of what gathers take it may be most, and of the noise it is next to nothing. Each then
+ * counts for 1/chance, which adds S^2 (1/chance - 1) to the squared noise of a sample, S being the
+ * rms of that light: so much that of the noise aimed at it is this part of the square. */
+static void choose_reflected_chance(AmbRender *render, double noise_aim) {
+    const Accuracy *accuracy = &render->accuracy;
+    const PlanEffect *effect = &render->plan.effects[PLAN_LIGHT_BOUNCES];
+    if (!render->plan.is_automatic || !effect->is_simulated || !effect->share.is_known ||
+        render->plan.estimator != AMB_ESTIMATOR_TUBES || !(noise_aim > 0.0))
+        return;
+    const double fall = accuracy->sets[0].noise / noise_aim;
+    const double samples = accuracy->samples_mean * pow(fmax(fall, 1.0), SAMPLES_ORDER);
+    const double room = REFLECTED_NOISE * noise_aim * noise_aim * samples;
+    const double square = REFLECTED_SPREAD * effect->share.value * effect->share.value;
+    render->plan.camera.reflected_chance =
+        (float)fmax(square / (square + room), REFLECTED_CHANCE_MIN);
+}
+
 static AmbStatus run_rounds(AmbRender *render, const Field *field, Survey *survey,
                             ErrorPass *pass) {
     Accuracy *accuracy = &render->accuracy;
@@ -139,6 +161,7 @@ static AmbStatus run_rounds(AmbRender *render, const Field *field, Survey *surve
         double aims[ACCURACY_SET_MAX] = {0.0};
         if (is_calm(accuracy, aims))
             break;
+        choose_reflected_chance(render, aims[0]);
         /* The plan may find enough, or nearly, where the measure does not: then it aims lower. */
         do {
             for (uint32_t s = 0; s < accuracy->set_count; ++s)

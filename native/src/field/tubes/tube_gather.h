@@ -13,6 +13,7 @@ typedef struct TubeRay {
     Vec3 o, d;
     float length;
     bool has_frequency;
+    float reflected; /* what light of reflected tubes counts for; 0: they are not looked at */
 } TubeRay;
 
 /* For up to TUBE_PACKET rays the sum over all tubes whose light meets the segment; what a ray gets

@@ -666,19 +666,31 @@ uint64_t tubes_reflected_bytes(const TubeField *tubes) {
     return bytes;
 }
 
-/* Adds what trees of one kind send, and what of it was reflected. */
-static void gather_kind(const TubeField *tubes, const TubeRay rays[], uint32_t count,
+/* Adds what trees of one kind send, and what of it was reflected: of that the rays that want it.
+ */
+static void gather_kind(const TubeField *tubes, const TubeRay all[], uint32_t all_count,
                         bool reflected, FieldRadiance out[]) {
     const TubeGather gather = tube_gather_select();
+    TubeRay rays[TUBE_PACKET];
+    uint32_t owners[TUBE_PACKET], count = 0;
+    for (uint32_t r = 0; r < all_count; ++r)
+        if (!reflected || all[r].reflected > 0.0f) {
+            rays[count] = all[r];
+            owners[count++] = r;
+        }
+    if (count == 0)
+        return;
     for (uint32_t i = 0; i < tubes->tree_count; ++i) {
         if (is_reflected(&tubes->trees[i]) != reflected)
             continue;
         FieldRadiance parts[TUBE_PACKET];
         gather(&tubes->trees[i], &tubes->medium, rays, count, parts);
         for (uint32_t r = 0; r < count; ++r) {
-            if (reflected)
+            if (reflected) {
+                parts[r] = field_radiance_scale(parts[r], rays[r].reflected);
                 parts[r].reflected = parts[r].radiance;
-            out[r] = field_radiance_add(out[r], parts[r]);
+            }
+            out[owners[r]] = field_radiance_add(out[owners[r]], parts[r]);
         }
     }
 }
