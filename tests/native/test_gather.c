@@ -34,6 +34,20 @@ typedef struct Segment {
     float length;
 } Segment;
 
+/* What scatters straight on, 1/m. */
+static const Rgb STRAIGHT = {0.3f, 0.1f, 0.02f};
+
+static FieldRadiance along(PointGather gather, const PointTree *tree, const Medium *medium, Vec3 o,
+                           Vec3 d, float length, PointCount *met) {
+    const FieldSegment segment = {.o = o, .d = d, .length = length, .straight = STRAIGHT};
+    return gather(tree, medium, &segment, met);
+}
+
+static FieldRadiance cloud_along(const PointCloud *cloud, Vec3 o, Vec3 d, float length) {
+    const FieldSegment segment = {.o = o, .d = d, .length = length};
+    return points_gather(cloud, &segment, NULL);
+}
+
 static double channel_of(Rgb c, int channel) {
     return (double)(channel == 0 ? c.r : channel == 1 ? c.g : c.b);
 }
@@ -303,8 +317,8 @@ static void gather_matches_brute_force(void) {
                 const int near = (int)test_uniform(&state, 0, count);
                 const Segment segment = random_segment(&state, &samples[near], regime);
                 PointCount met = {.all = 0};
-                const FieldRadiance out = point_gather_portable(&tree, &medium, segment.o,
-                                                                segment.d, segment.length, &met);
+                const FieldRadiance out = along(point_gather_portable, &tree, &medium, segment.o,
+                                                segment.d, segment.length, &met);
                 const Sum sum = twin(samples, count, &medium, &segment);
                 hits[regime] += sum.hits;
                 /* Where nothing arrives, a hit is none for the sum. */
@@ -362,8 +376,9 @@ static void gather_variants_agree_bit_for_bit(void) {
                 const int near = (int)test_uniform(&state, 0, count);
                 const Segment s = random_segment(&state, &samples[near], regime);
                 const FieldRadiance a =
-                    point_gather_portable(&tree, &medium, s.o, s.d, s.length, NULL);
-                const FieldRadiance b = point_gather_avx2(&tree, &medium, s.o, s.d, s.length, NULL);
+                    along(point_gather_portable, &tree, &medium, s.o, s.d, s.length, NULL);
+                const FieldRadiance b =
+                    along(point_gather_avx2, &tree, &medium, s.o, s.d, s.length, NULL);
                 bright += a.contribution > 0.0f;
                 different += !is_same(&a, &b);
             }
@@ -415,8 +430,8 @@ static void gather_along_a_sample_is_exact(void) {
                                     .flux = {1, 2, 3}};
         PointTree tree = build(&sample, 1, 1);
         const Vec3 o = vec3(0.5f, 0.25f, direction > 0 ? -1.0f : 3.0f);
-        const FieldRadiance out =
-            point_gather_portable(&tree, &medium, o, vec3(0, 0, (float)direction), 10.0f, NULL);
+        const FieldRadiance out = along(point_gather_portable, &tree, &medium, o,
+                                        vec3(0, 0, (float)direction), 10.0f, NULL);
         const double kernel = 2.0 / (PI * 0.125 * 0.125), p = phase(-direction, 0.3);
         for (int k = 0; k < 3; ++k) {
             const double sigma_t = channel_of(medium.sigma_t, k);
@@ -448,7 +463,7 @@ static void kernel_is_normalised(void) {
             const float y = radius * (2.2f * ((float)ray + 0.5f) / RAYS - 1.1f);
             const Vec3 o = vec3(4.0f * radius, y, -3.0f * radius);
             const FieldRadiance out =
-                point_gather_portable(&tree, &medium, o, vec3(0, 0, 1), 6.0f * radius, NULL);
+                along(point_gather_portable, &tree, &medium, o, vec3(0, 0, 1), 6.0f * radius, NULL);
             sum += (double)out.radiance.r * 2.2 * (double)radius / RAYS;
         }
         ENSURE_NEAR(sum, 0.5 * phase(0.0, 0.4) * 2.0, 1e-5);
@@ -477,7 +492,7 @@ static PointCloud place(LightBeam *beams, uint64_t count, const Medium *medium,
 
 /* Radiance of the ray that crosses the x axis at a right angle at x = s. */
 static double across(const PointCloud *cloud, float s) {
-    return (double)points_gather(cloud, vec3(s, 0, -50), vec3(0, 0, 1), 100.0f, NULL).radiance.r;
+    return (double)cloud_along(cloud, vec3(s, 0, -50), vec3(0, 0, 1), 100.0f).radiance.r;
 }
 
 static const Medium THIN = {
@@ -540,7 +555,7 @@ static void points_follow_the_covariance(void) {
         const double area = 0.02 * 10.0 * (0.4 * cos(PI * frequency) + 0.6);
         ENSURE_NEAR(radius_at(&cloud, (float)s) / sqrt(area / PI), 1.0, 1e-3);
         const FieldRadiance out =
-            points_gather(&cloud, vec3((float)s, 0, -50), vec3(0, 0, 1), 100.0f, NULL);
+            cloud_along(&cloud, vec3((float)s, 0, -50), vec3(0, 0, 1), 100.0f);
         ENSURE_NEAR(out.frequency / out.contribution, frequency, 1e-3);
     }
     points_clear(&cloud);
@@ -577,7 +592,7 @@ static void points_do_not_depend_on_the_cut(void) {
         for (int i = 0; i < 3; ++i) {
             PointCloud cloud =
                 place(beams, 4, &medium, (PointParams){false, 4.0f, spacings[i], 0, 0});
-            cuts[i] = points_gather(&cloud, s.o, s.d, s.length, NULL);
+            cuts[i] = cloud_along(&cloud, s.o, s.d, s.length);
             points_clear(&cloud);
         }
         const double fine = (double)cuts[0].radiance.r;
@@ -614,10 +629,10 @@ static void parts_add_up(void) {
     double worst = 0.0;
     for (int trial = 0; trial < 200; ++trial) {
         const Vec3 o = random_point(&state, 0.5), d = random_direction(&state);
-        const double expected = (double)points_gather(&whole, o, d, 3.0f, NULL).radiance.g;
+        const double expected = (double)cloud_along(&whole, o, d, 3.0f).radiance.g;
         double sum = 0.0;
         for (uint32_t k = 0; k < PARTS; ++k)
-            sum += (double)points_gather(&parts[k], o, d, 3.0f, NULL).radiance.g;
+            sum += (double)cloud_along(&parts[k], o, d, 3.0f).radiance.g;
         worst = test_worse(worst, expected > 0.0 ? fabs(sum / expected - 1.0) : sum);
     }
     ENSURE_NEAR(worst, 0.0, 1e-4);
@@ -629,7 +644,56 @@ static void parts_add_up(void) {
 /* ---- Limits ---------------------------------------------------------------------------------- */
 
 static bool is_finite(const FieldRadiance *out) {
-    return rgb_is_finite(out->radiance) && isfinite(out->frequency) && isfinite(out->contribution);
+    return rgb_is_finite(out->radiance) && rgb_is_finite(out->straight_once) &&
+           rgb_is_finite(out->straight_more) && isfinite(out->frequency) &&
+           isfinite(out->contribution);
+}
+
+/* Light that goes straight on a part of the way is what is gathered from its end: with F =
+ * straight, int x Q = int F exp(-sigma s) G(s) ds,  int (exp(x) - 1 - x) Q = int F (exp(F s) - 1)
+ * ..., G(s) the radiance beyond s. */
+static void straight_light_is_gathered_from_beyond(void) {
+    enum { STEPS = 400 };
+    static PointSample samples[SAMPLE_MAX];
+    uint64_t state = 11;
+    double sums[2] = {0, 0}, expected[2] = {0, 0}, difference[2] = {0, 0};
+    const int count = 100;
+    fill_samples(&state, samples, count);
+    PointTree tree = build(samples, count, 1);
+    for (int trial = 0; trial < 60; ++trial) {
+        const Medium medium = random_medium(&state);
+        const int near = (int)test_uniform(&state, 0, count);
+        const Segment s = random_segment(&state, &samples[near], (Regime)(trial % REGIME_COUNT));
+        const float length = fminf(s.length, 6.0f);
+        FieldSegment segment = {.o = s.o, .d = s.d, .length = length};
+        const float sigma_t = medium.sigma_t.r, straight = 0.5f * sigma_t;
+        segment.straight = rgb(straight, straight, straight);
+        const FieldRadiance out = point_gather_portable(&tree, &medium, &segment, NULL);
+        double once = 0.0, more = 0.0;
+        for (int i = 0; i < STEPS; ++i) {
+            const float begin = ((float)i + 0.5f) * length / (float)STEPS;
+            const FieldRadiance beyond =
+                along(point_gather_portable, &tree, &medium, vec3_madd(s.o, begin, s.d), s.d,
+                      length - begin, NULL);
+            const double weight = exp(-(double)(sigma_t * begin)) * (double)straight *
+                                  (double)beyond.radiance.r * (double)length / STEPS;
+            once += weight;
+            more += weight * expm1((double)(straight * begin));
+        }
+        const double found[2] = {(double)out.straight_once.r, (double)out.straight_more.r};
+        const double sought[2] = {once, more};
+        for (int k = 0; k < 2; ++k) {
+            sums[k] += found[k];
+            expected[k] += sought[k];
+            difference[k] += fabs(found[k] - sought[k]);
+        }
+    }
+    point_tree_clear(&tree);
+    for (int k = 0; k < 2; ++k) {
+        ENSURE(expected[k] > 0.0);
+        ENSURE_NEAR(sums[k] / expected[k], 1.0, 0.01);
+        ENSURE_NEAR(difference[k] / expected[k], 0.0, 0.02);
+    }
 }
 
 static void gather_is_finite_at_the_limits(void) {
@@ -657,7 +721,7 @@ static void gather_is_finite_at_the_limits(void) {
                     if (trial % 3 == 0)
                         s.length = lengths[(b + (size_t)trial) % 5];
                     const FieldRadiance out =
-                        point_gather_select()(&tree, &medium, s.o, s.d, s.length, NULL);
+                        along(point_gather_select(), &tree, &medium, s.o, s.d, s.length, NULL);
                     all_finite = all_finite && is_finite(&out);
                     none_negative = none_negative && out.radiance.r >= 0.0f;
                     bright += out.radiance.r > 0.0f;
@@ -674,20 +738,20 @@ static void gather_skips_what_is_beside_the_segment(void) {
     PointTree tree = build(&sample, 1, 1);
     const Vec3 up = vec3(0, 0, 1);
     const Vec3 below = vec3(0.5f, 0, -1);
-    ENSURE(point_gather_portable(&tree, &THIN, below, up, 2.0f, NULL).radiance.r > 0.0f);
+    ENSURE(along(point_gather_portable, &tree, &THIN, below, up, 2.0f, NULL).radiance.r > 0.0f);
     /* Ends before, begins behind, passes by on all sides. */
-    ENSURE(point_gather_portable(&tree, &THIN, below, up, 0.89f, NULL).radiance.r == 0.0f);
-    ENSURE(point_gather_portable(&tree, &THIN, vec3(0.5f, 0, 0.11f), up, 2.0f, NULL).radiance.r ==
-           0.0f);
-    ENSURE(point_gather_portable(&tree, &THIN, vec3(0.5f, 0.101f, -1), up, 2.0f, NULL).radiance.r ==
-           0);
-    ENSURE(point_gather_portable(&tree, &THIN, vec3(-1e-5f, 0, -1), up, 2.0f, NULL).radiance.r ==
-           0);
-    ENSURE(point_gather_portable(&tree, &THIN, vec3(1.00001f, 0, -1), up, 2.0f, NULL).radiance.r ==
-           0);
+    ENSURE(along(point_gather_portable, &tree, &THIN, below, up, 0.89f, NULL).radiance.r == 0.0f);
+    ENSURE(along(point_gather_portable, &tree, &THIN, vec3(0.5f, 0, 0.11f), up, 2.0f, NULL)
+               .radiance.r == 0.0f);
+    ENSURE(along(point_gather_portable, &tree, &THIN, vec3(0.5f, 0.101f, -1), up, 2.0f, NULL)
+               .radiance.r == 0);
+    ENSURE(along(point_gather_portable, &tree, &THIN, vec3(-1e-5f, 0, -1), up, 2.0f, NULL)
+               .radiance.r == 0);
+    ENSURE(along(point_gather_portable, &tree, &THIN, vec3(1.00001f, 0, -1), up, 2.0f, NULL)
+               .radiance.r == 0);
     /* Components of no direction, with either sign of zero. */
     const Vec3 minus = vec3(-0.0f, -0.0f, 1.0f);
-    ENSURE(point_gather_portable(&tree, &THIN, below, minus, 2.0f, NULL).radiance.r > 0.0f);
+    ENSURE(along(point_gather_portable, &tree, &THIN, below, minus, 2.0f, NULL).radiance.r > 0.0f);
     point_tree_clear(&tree);
 }
 
@@ -703,7 +767,7 @@ static void field_without_light_is_dark(void) {
     job_init(&job, 1);
     Field *field = NULL;
     ENSURE_STATUS(field_create(&scene, &light, &params, &job, &field), AMB_OK);
-    const FieldSegment segment = {{0, 0, 0}, {0, 0, 1}, 1.0f, 0, 0, 0.0f, NULL};
+    const FieldSegment segment = {{0, 0, 0}, {0, 0, 1}, 1.0f, 0, 0, 0.0f, {0, 0, 0}, NULL};
     const FieldRadiance out = field_gather(field, &segment);
     ENSURE(out.contribution == 0.0f && out.frequency == 0.0f && rgb_max(out.radiance) == 0.0f);
     ENSURE(field_size(field).volume_samples == 0);
@@ -750,6 +814,7 @@ void test_gather(void) {
     RUN(points_follow_the_covariance);
     RUN(points_do_not_depend_on_the_cut);
     RUN(parts_add_up);
+    RUN(straight_light_is_gathered_from_beyond);
     RUN(gather_is_finite_at_the_limits);
     RUN(gather_skips_what_is_beside_the_segment);
     RUN(field_without_light_is_dark);

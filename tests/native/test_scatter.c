@@ -146,8 +146,8 @@ static ScatterRadiance mean_radiance(const AmbScene *scene, const Scatter *scatt
             d = vec3_negate(d);
         const Vec3 o = scene_leave(&surface, d);
         ENSURE(scene_intersect(scene, o, d, INFINITY, &hit));
-        const FieldSegment segment = {o, d, hit.t, 0, 0, 0.0f, NULL};
-        const ScatterRadiance radiance = scatter_gather(scatter, &segment, rgb(0, 0, 0));
+        const FieldSegment segment = {o, d, hit.t, 0, 0, 0.0f, {0, 0, 0}, NULL};
+        const ScatterRadiance radiance = scatter_gather(scatter, &segment, rgb(0, 0, 0), NULL);
         sum.once = rgb_add(sum.once, rgb_scale(radiance.once, 1.0f / RAYS));
         sum.twice = rgb_add(sum.twice, rgb_scale(radiance.twice, 1.0f / RAYS));
         sum.more = rgb_add(sum.more, rgb_scale(radiance.more, 1.0f / RAYS));
@@ -333,8 +333,9 @@ static void no_light_is_negative(void) {
         double least = 0.0;
         for (int k = 0; k < 4 * RAYS; ++k) {
             const Vec3 o = vec3_scale(random_direction(&state), 0.9f);
-            const FieldSegment segment = {o, random_direction(&state), 0.1f, 0, 0, 0.0f, NULL};
-            const ScatterRadiance radiance = scatter_gather(scatter, &segment, rgb(0, 0, 0));
+            const FieldSegment segment = {
+                o, random_direction(&state), 0.1f, 0, 0, 0.0f, {0, 0, 0}, NULL};
+            const ScatterRadiance radiance = scatter_gather(scatter, &segment, rgb(0, 0, 0), NULL);
             least = fmin(least,
                          (double)fminf(radiance.once.g, fminf(radiance.twice.g, radiance.more.g)));
             lit += total_of(&radiance).g > 0.0f ? 1 : 0;
@@ -344,6 +345,43 @@ static void no_light_is_negative(void) {
         scatter_destroy(scatter);
         amb_scene_destroy(scene);
     }
+}
+
+/* What is looked at by chance in thin media is on average what all cells say. */
+static void cells_by_chance_have_the_same_mean(void) {
+    enum { SEGMENTS = 12, TRIALS = 4000 };
+    AmbScene *scene = furnace(shape_resin(1.5f, 0.5f, 0.1f, 0.6f));
+    const ScatterParams params = world_params(20000);
+    Scatter *scatter = trace(scene, &params, 1);
+    uint64_t state = 7;
+    int different = 0;
+    for (int i = 0; i < SEGMENTS; ++i) {
+        /* From just below the boundary, where depth ends, and from within. */
+        const Vec3 out = random_direction(&state);
+        const Vec3 o = vec3_scale(out, i % 2 == 0 ? 0.99f : 0.5f);
+        Vec3 d = random_direction(&state);
+        if (vec3_dot(d, out) > 0.0f)
+            d = vec3_negate(d);
+        const FieldSegment segment = {.o = o, .d = d, .length = i % 3 == 0 ? 0.05f : 0.9f};
+        const ScatterRadiance all = scatter_gather(scatter, &segment, rgb(0, 0, 0), NULL);
+        double sum = 0.0, squares = 0.0;
+        for (int k = 0; k < TRIALS; ++k) {
+            const Sample2 u = {(float)test_uniform(&state, 0, 1),
+                               (float)test_uniform(&state, 0, 1)};
+            const ScatterRadiance one = scatter_gather(scatter, &segment, rgb(0, 0, 0), &u);
+            const double value = (double)one.twice.g + (double)one.more.g;
+            sum += value / TRIALS;
+            squares += value * value / TRIALS;
+            different += one.twice.g != all.twice.g;
+        }
+        const double error = sqrt(fmax(squares - sum * sum, 0.0) / TRIALS);
+        const double expected = (double)all.twice.g + (double)all.more.g;
+        ENSURE(expected > 0.0 && error < 0.02 * expected);
+        ENSURE_NEAR(sum, expected, 4.0 * error + 1e-5 * expected);
+    }
+    ENSURE(different > SEGMENTS * TRIALS / 2);
+    scatter_destroy(scatter);
+    amb_scene_destroy(scene);
 }
 
 /* Channels that share their photons' paths get what each would get alone. */
@@ -419,6 +457,7 @@ void test_scatter(void) {
     RUN(flux_is_kept);
     RUN(white_furnace);
     RUN(no_light_is_negative);
+    RUN(cells_by_chance_have_the_same_mean);
     RUN(channels_are_media_of_their_own);
     RUN(threads_do_not_matter);
     RUN(failures_leave_nothing);

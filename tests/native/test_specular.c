@@ -417,20 +417,29 @@ static void coarse_meshes_agree_with_fine_tubes(void) {
         ENSURE_NEAR(exact_tally.entered[1] / tubes_tally.entered[1], 1.0, 0.02);
         uint64_t state = 5;
         double sum = 0.0, expected = 0.0, frequency = 0.0, difference = 0.0;
+        double straight[4] = {0, 0, 0, 0};
         for (int trial = 0; trial < 300; ++trial) {
-            const FieldSegment segment = random_chord(&state, body.scene);
+            FieldSegment segment = random_chord(&state, body.scene);
+            segment.straight = rgb(0.5f, 0.2f, 0.0f);
             const FieldRadiance a = gather_frequency(exact, &segment);
             const FieldRadiance b = gather_frequency(tubes, &segment);
             sum += (double)a.radiance.g;
             expected += (double)b.radiance.g;
             difference += fabs((double)a.radiance.g - (double)b.radiance.g);
             frequency += (double)(a.frequency - b.frequency);
+            straight[0] += (double)a.straight_once.r;
+            straight[1] += (double)b.straight_once.r;
+            straight[2] += (double)a.straight_more.r;
+            straight[3] += (double)b.straight_more.r;
+            ENSURE(a.straight_more.b == 0.0f && b.straight_more.b == 0.0f);
             ENSURE(a.frequency >= 0.0f && a.frequency <= a.contribution * 1.00001f);
         }
         ENSURE(expected > 0.1);
         ENSURE_NEAR(sum / expected, 1.0, 4e-3);
         ENSURE(difference < 0.02 * expected);
         ENSURE(fabs(frequency) < 0.01 * expected);
+        ENSURE_NEAR(straight[0] / straight[1], 1.0, 4e-3);
+        ENSURE_NEAR(straight[2] / straight[3], 1.0, 4e-3);
         field_destroy(exact);
         field_destroy(tubes);
         free_body(&body);
@@ -493,7 +502,7 @@ static void tree_loses_no_cell(void) {
         uint64_t state = 6;
         for (int trial = 0; trial < 20; ++trial) {
             const FieldSegment s = random_chord(&state, body.scene);
-            const FieldRadiance all = specular_gather(&field, s.o, s.d, s.length);
+            const FieldRadiance all = specular_gather(&field, &s);
             double sum = 0.0;
             for (uint64_t c = 0; c < field.tree.cell_count; ++c) {
                 /* A ball around everything, and all directions. */
@@ -502,7 +511,7 @@ static void tree_loses_no_cell(void) {
                 cell->bound = (LineBound){.radius = 10.0f, .spread = 10.0f};
                 SpecularField one = field;
                 ENSURE_STATUS(specular_tree_build(cell, 1, 1.0f, &body.job, &one.tree), AMB_OK);
-                sum += (double)specular_gather(&one, s.o, s.d, s.length).radiance.r;
+                sum += (double)specular_gather(&one, &s).radiance.r;
                 specular_clear(&one);
             }
             ENSURE(sum > 0.0);

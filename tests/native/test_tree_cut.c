@@ -219,7 +219,8 @@ static void infinite_medium(void) {
     const double albedo = 0.8;
     AmbScene *scene = endless(16.0f, (float)albedo, 0.0f);
     TreeCut *cut = cut_of(scene, 1 << 17, 1);
-    const FieldSegment segment = {{-2.0f, 0.5f, 0.0f}, {1, 0, 0}, 17.0f, 0, 0, 0.0f, NULL};
+    const FieldSegment segment = {{-2.0f, 0.5f, 0.0f}, {1, 0, 0}, 17.0f, 0, 0, 0.0f,
+                                  {0, 0, 0},           NULL};
     const TreeCutRadiance found = tree_cut_gather(cut, &segment);
     double more = 0.0;
     enum { STEPS = 150 };
@@ -248,7 +249,7 @@ static void threads_do_not_matter(void) {
         const Vec3 d = sample_cap(
             (Sample2){(float)test_uniform(&state, 0.0, 1.0), (float)test_uniform(&state, 0.0, 1.0)},
             2.0f);
-        const FieldSegment segment = {{0.3f, -0.2f, 1.0f}, d, 2.5f, 0, 0, 0.0f, NULL};
+        const FieldSegment segment = {{0.3f, -0.2f, 1.0f}, d, 2.5f, 0, 0, 0.0f, {0, 0, 0}, NULL};
         const TreeCutRadiance a = tree_cut_gather(one, &segment);
         const TreeCutRadiance b = tree_cut_gather(three, &segment);
         ENSURE(a.twice.r > 0.0f && a.more.r > 0.0f);
@@ -283,8 +284,8 @@ static void walls_block(void) {
     Job job = job_of(1);
     ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
     TreeCut *cut = cut_of(scene, 1 << 13, 1);
-    const FieldSegment behind = {{-1.0f, 0.0f, 1.5f}, {1, 0, 0}, 2.0f, 0, 0, 0.0f, NULL};
-    const FieldSegment before = {{-1.0f, 0.0f, 0.5f}, {1, 0, 0}, 2.0f, 0, 0, 0.0f, NULL};
+    const FieldSegment behind = {{-1.0f, 0.0f, 1.5f}, {1, 0, 0}, 2.0f, 0, 0, 0.0f, {0, 0, 0}, NULL};
+    const FieldSegment before = {{-1.0f, 0.0f, 0.5f}, {1, 0, 0}, 2.0f, 0, 0, 0.0f, {0, 0, 0}, NULL};
     ENSURE(rgb_max(tree_cut_gather(cut, &behind).twice) == 0.0f);
     ENSURE(rgb_max(tree_cut_gather(cut, &behind).more) > 0.0f);
     ENSURE(rgb_min(tree_cut_gather(cut, &before).twice) > 0.0f);

@@ -162,9 +162,12 @@ static double brute_force(const Tube *tube, const Segment *segment, const Medium
     return sum / (double)points;
 }
 
+/* What scatters straight on, 1/m. */
+static const Rgb STRAIGHT = {0.3f, 0.1f, 0.02f};
+
 static FieldRadiance gather(TubeGather variant, const TubeTree *tree, const Medium *medium, Vec3 o,
                             Vec3 d, float length) {
-    const TubeRay ray = {o, d, length, true, 1.0f};
+    const TubeRay ray = {o, d, length, true, 1.0f, STRAIGHT};
     FieldRadiance out;
     variant(tree, medium, &ray, 1, &out);
     return out;
@@ -229,6 +232,49 @@ static void a_square_of_light_is_exact(void) {
     ENSURE_NEAR(view.radiance.r, deep, 3e-3 * deep);
     ENSURE_NEAR(view.contribution, rgb_mean(view.radiance), 0.0);
     tube_tree_clear(&tree);
+}
+
+/* See test_gather.c: what is gathered from beyond each place, and goes straight on from there. */
+static void straight_light_is_gathered_from_beyond(void) {
+    enum { STEPS = 400 };
+    static Tube tubes[TUBE_MAX];
+    const float sigmas[3] = {0.5f, 3.0f, 30.0f};
+    uint64_t state = 12;
+    for (int m = 0; m < 3; ++m) {
+        const Medium medium = test_medium(sigmas[m], 0.3f);
+        const float straight = 0.5f * sigmas[m];
+        double sums[2] = {0, 0}, expected[2] = {0, 0};
+        for (int trial = 0; trial < 40; ++trial) {
+            for (int i = 0; i < 20; ++i)
+                tubes[i] = random_tube(&state, 0.03);
+            TubeTree tree = build(tubes, 20, 1);
+            Segment s = random_segment(&state, &tubes[0]);
+            /* Along the light tubes as wide as these are not linear, in either way. */
+            while (fabsf(vec3_dot(s.d, tubes[0].w[0])) > 0.9f)
+                s = random_segment(&state, &tubes[0]);
+            const float length = fminf(s.length, fminf(2.0f, 12.0f / sigmas[m]));
+            const TubeRay ray = {s.o, s.d, length, false, 1.0f, rgb(straight, straight, straight)};
+            FieldRadiance out;
+            tube_gather_select()(&tree, &medium, &ray, 1, &out);
+            sums[0] += (double)out.straight_once.r;
+            sums[1] += (double)out.straight_more.r;
+            for (int i = 0; i < STEPS; ++i) {
+                const float begin = ((float)i + 0.5f) * length / (float)STEPS;
+                const FieldRadiance beyond =
+                    gather(tube_gather_select(), &tree, &medium, vec3_madd(s.o, begin, s.d), s.d,
+                           length - begin);
+                const double weight = exp(-(double)(sigmas[m] * begin)) * (double)straight *
+                                      (double)beyond.radiance.r * (double)length / STEPS;
+                expected[0] += weight;
+                expected[1] += weight * expm1((double)(straight * begin));
+            }
+            tube_tree_clear(&tree);
+        }
+        for (int k = 0; k < 2; ++k) {
+            ENSURE(expected[k] > 0.0);
+            ENSURE_NEAR(sums[k] / expected[k], 1.0, 0.03);
+        }
+    }
 }
 
 static void tree_loses_no_tube(void) {
@@ -305,8 +351,12 @@ static void rays_do_not_depend_on_each_other(void) {
             const Segment s = random_segment(&state, tube);
             /* Some run along the light. */
             const bool is_along = (trial + r) % 5 == 0;
-            rays[r] = (TubeRay){is_along ? tube->x[0] : s.o, is_along ? tube->w[0] : s.d, s.length,
-                                r % 2 == 0, 1.0f};
+            rays[r] = (TubeRay){is_along ? tube->x[0] : s.o,
+                                is_along ? tube->w[0] : s.d,
+                                s.length,
+                                r % 2 == 0,
+                                1.0f,
+                                STRAIGHT};
         }
         for (int v = 0; v < 2; ++v) {
             FieldRadiance together[TUBE_PACKET];
@@ -571,6 +621,7 @@ void test_tubes(void);
 void test_tubes(void) {
     RUN(one_tube_matches_brute_force);
     RUN(a_square_of_light_is_exact);
+    RUN(straight_light_is_gathered_from_beyond);
     RUN(tree_loses_no_tube);
     RUN(gather_variants_agree_bit_for_bit);
     RUN(rays_do_not_depend_on_each_other);

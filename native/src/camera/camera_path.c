@@ -40,11 +40,17 @@ FieldRadiance walker_gather(Walker *walker, FieldSegment segment, Rgb throughput
     return gathered;
 }
 
-static void add_single(CameraSample *sample, const CameraWay *way, Rgb throughput,
-                       const FieldRadiance *gathered) {
-    const Rgb single = rgb_mul(throughput, gathered->radiance);
-    sample->orders[0] = rgb_add(sample->orders[0], single);
-    sample_note(sample, way, single);
+/* Adds what was gathered along a branch: what scattered once, and what went straight on then. */
+static void add_gathered(const CameraParams *params, CameraSample *sample,
+                         const WaitingGather *gather, const FieldRadiance *gathered) {
+    if ((params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0) {
+        const Rgb single = rgb_mul(gather->throughput, gathered->radiance);
+        sample->orders[0] = rgb_add(sample->orders[0], single);
+        sample_note(sample, &gather->way, single);
+    }
+    if (params->scatter != NULL)
+        walk_add_straight(params, sample, &gather->way, gather->forward, gather->throughput,
+                          gathered);
 }
 
 static void add_frequency(CameraSample *sample, Rgb throughput, const FieldRadiance *gathered) {
@@ -54,50 +60,58 @@ static void add_frequency(CameraSample *sample, Rgb throughput, const FieldRadia
 }
 
 /* The first of a sample waits for those of its neighbours, unless it is timed. */
-static void gather_single(Walker *walker, const CameraWay *way, const FieldSegment *segment,
-                          Rgb throughput) {
+static void gather_single(Walker *walker, const WaitingGather *gather) {
     if (walker->waiting != NULL && !walker->waiting->is_there && walker->clock.ledger == NULL) {
-        *walker->waiting = (WaitingGather){*segment, *way, throughput, true};
+        *walker->waiting = *gather;
         walker->waiting->segment.reflected_excess = walker_reflected_excess(walker);
         return;
     }
     const LedgerEntry before = ledger_open(&walker->clock, LEDGER_SINGLE);
-    const FieldRadiance gathered = walker_gather(walker, *segment, throughput);
+    const FieldRadiance gathered = walker_gather(walker, gather->segment, gather->throughput);
     ledger_close(&walker->clock, before);
-    add_single(walker->out, way, throughput, &gathered);
+    add_gathered(walker->params, walker->out, gather, &gathered);
     if (walker->clock.ledger != NULL)
-        add_frequency(walker->out, throughput, &gathered);
+        add_frequency(walker->out, gather->throughput, &gathered);
+}
+
+/* Throughput for light that goes straight on after it scattered, too. */
+static Rgb grown(Rgb throughput, Rgb forward) {
+    return rgb_mul(throughput, rgb(expf(forward.r), expf(forward.g), expf(forward.b)));
 }
 
 /* Adds what scattered along the branch inside its medium, and attenuates the branch. */
 static void pass_medium(Walker *walker, Branch *branch, float length) {
     const Medium *medium = &medium_stack_material(walker->scene, &branch->stack)->medium;
-    const FieldSegment segment = {vec3_madd(branch->o, -branch->before, branch->d),
-                                  branch->d,
-                                  branch->before + length,
-                                  medium_stack_top(&branch->stack),
-                                  walker->part,
-                                  0.0f,
-                                  NULL};
+    const uint32_t object = medium_stack_top(&branch->stack);
+    const Rgb straight = walk_straight(walker->params, object);
+    const FieldSegment segment = {.o = vec3_madd(branch->o, -branch->before, branch->d),
+                                  .d = branch->d,
+                                  .length = branch->before + length,
+                                  .object = object,
+                                  .part = walker->part,
+                                  .straight = straight};
     if (walker->observer != NULL && medium_scatters(medium))
         walker->observer->see_medium(walker->observer->user, &branch->way, &segment, 0,
                                      branch->throughput);
     const bool is_wanted = walker->field != NULL && medium_scatters(medium) &&
-                           (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0;
-    const float gathers = is_wanted ? walker_gathers(walker, branch->throughput) : 0.0f;
+                           ((walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0 ||
+                            rgb_max(rgb_add(branch->forward, straight)) > 0.0f);
+    const float gathers =
+        is_wanted ? walker_gathers(walker, grown(branch->throughput, branch->forward)) : 0.0f;
     if (gathers > 0.0f)
-        gather_single(walker, &branch->way, &segment, rgb_scale(branch->throughput, gathers));
+        gather_single(walker,
+                      &(WaitingGather){segment, branch->way, rgb_scale(branch->throughput, gathers),
+                                       branch->forward, true});
     /* What the walls reflect goes on in the walk of the first stretch. */
     if (branch->way.bounces == 0 && walk_is_wanted(walker->params) && medium_scatters(medium)) {
         walker->way = branch->way;
         walk_scatter(walker, branch->o, branch->d, &branch->stack, branch->throughput,
-                     branch->forward);
+                     branch->forward, true);
     }
     branch->throughput = rgb_mul(branch->throughput, medium_transmittance(medium, segment.length));
     if (walker->params->scatter != NULL)
         branch->forward = scatter_forward_depth(
-            branch->forward, scatter_forward(walker->params->scatter, segment.object),
-            segment.length);
+            branch->forward, scatter_forward(walker->params->scatter, object), segment.length);
 }
 
 /* Adds light that arrives at the end of the branch. */
@@ -118,7 +132,7 @@ static void follow_next(Walker *walker, const Branch *from, const SurfacePoint *
                         const MediumStack *stack, Rgb throughput, CameraWay way) {
     if (from->depth + 1 >= DEPTH_MAX)
         return;
-    const float strongest = rgb_max(throughput);
+    const float strongest = rgb_max(grown(throughput, from->forward));
     if (strongest < WALKER_ROULETTE_THROUGHPUT) {
         const float survival = strongest / WALKER_ROULETTE_THROUGHPUT;
         if (walker_random(walker) >= survival)
@@ -308,8 +322,9 @@ static uint64_t choose_frequencies(const CameraRequest requests[], const uint32_
 }
 
 /* Adds what samples left for later. */
-static void gather_waiting(const Field *field, const CameraRequest requests[],
-                           const WaitingGather waiting[], uint32_t count, CameraSample out[]) {
+static void gather_waiting(const Field *field, const CameraParams *params,
+                           const CameraRequest requests[], const WaitingGather waiting[],
+                           uint32_t count, CameraSample out[]) {
     FieldSegment segments[CAMERA_BATCH];
     uint32_t owners[CAMERA_BATCH], size = 0;
     for (uint32_t i = 0; i < count; ++i)
@@ -325,7 +340,7 @@ static void gather_waiting(const Field *field, const CameraRequest requests[],
     for (uint32_t k = 0; k < size; ++k) {
         const WaitingGather *gather = &waiting[owners[k]];
         CameraSample *sample = &out[owners[k]];
-        add_single(sample, &gather->way, gather->throughput, &gathered[k]);
+        add_gathered(params, sample, gather, &gathered[k]);
         note_light(sample, gather->throughput, &gathered[k]);
         if ((with_frequency >> k & 1) != 0)
             add_frequency(sample, gather->throughput, &gathered[k]);
@@ -342,7 +357,7 @@ AmbStatus camera_samples(const AmbScene *scene, const Field *field, const Camera
         out[i] = sample_pixel(scene, field, NULL, params, requests[i].x, requests[i].y,
                               requests[i].index, &waiting[i]);
     }
-    gather_waiting(field, requests, waiting, count, out);
+    gather_waiting(field, params, requests, waiting, count, out);
     return AMB_OK;
 }
 

@@ -19,11 +19,13 @@ typedef struct Walk {
     Vec3 o, d;
     MediumStack stack;
     Rgb throughput;
-    float begin;     /* rgb_max of the throughput at the start */
-    uint32_t order;  /* scatterings so far */
-    uint32_t still;  /* flights until now that moved nothing */
-    Rgb forward;     /* optical depth so far of what scatters straight on; see scatter_gather */
-    bool is_its_own; /* false: branches of the camera path go where this one refracts */
+    float begin;      /* rgb_max of the throughput at the start */
+    uint32_t order;   /* scatterings so far */
+    uint32_t still;   /* flights until now that moved nothing */
+    Rgb forward;      /* optical depth so far of what scatters straight on; see scatter_gather */
+    uint32_t bounces; /* internal reflections before the first scattering */
+    bool is_seen;     /* branches of the camera path see this stretch, too */
+    bool is_its_own;  /* false: branches of the camera path go where this one refracts */
 } Walk;
 
 /* The end of a segment. */
@@ -219,6 +221,11 @@ static void reflect(Walk *walk, const Target *target, float probability) {
     walk->throughput =
         rgb_scale(rgb_mul(walk->throughput, target->surface.material->reflect_color), weight);
     walk->d = target->crossing.split.reflected;
+    const CameraParams *params = walk->walker->params;
+    if (walk->stack.count == 0)
+        walk->is_seen &= (params->effects & AMB_EFFECT_SURFACE_REFLECTION) != 0;
+    else
+        walk->is_seen &= walk->bounces++ < params->bounces;
     walk->stack = target->stack;
     walk->o = scene_leave(&target->surface, walk->d);
     walk->is_its_own = true;
@@ -233,15 +240,24 @@ static void pass(Walk *walk, const Target *target, float probability) {
         rgb_scale(rgb_mul(walk->throughput, target->surface.material->transmit_color), weight);
     walk->d = crossing->split.refracted;
     walk->stack = crossing->beyond;
+    if (walk->stack.count == 0)
+        walk->is_seen &= (walk->walker->params->effects & AMB_EFFECT_BACKGROUND) != 0;
     walk->o = scene_leave(&target->surface, walk->d);
+}
+
+static FieldSegment walk_segment(const Walk *walk, float length) {
+    return (FieldSegment){.o = walk->o,
+                          .d = walk->d,
+                          .length = length,
+                          .object = medium_stack_top(&walk->stack),
+                          .part = walk->walker->part};
 }
 
 static void gather(Walk *walk, float length) {
     Walker *walker = walk->walker;
     if (walk->order == 0 || !wants_order(walker->params, walk->order + 1))
         return;
-    const FieldSegment segment = {walk->o,      walk->d, length, medium_stack_top(&walk->stack),
-                                  walker->part, 0.0f,    NULL};
+    const FieldSegment segment = walk_segment(walk, length);
     if (walker->observer != NULL)
         walker->observer->see_medium(walker->observer->user, &walker->way, &segment, walk->order,
                                      walk->throughput);
@@ -264,69 +280,66 @@ static Rgb forward_several(Rgb x) {
     return rgb(several(x.r), several(x.g), several(x.b));
 }
 
-/* Light that scattered once, straight from a lamp's, and then goes straight on: with F per metre
- * and tau the depth of it to a place, int exp(-sigma t) w(tau(t)) Q dt = w(tau_0) G(0) + int F
- * w'(tau(s)) exp(-sigma s) G(s) ds, G(s) what is gathered beyond s, and w = tau for order two,
- * exp(tau) - 1 - tau for more. One s by chance, 0 with the share that the way before the segment
- * has, else in proportion to what comes from there in the clearest channel. */
-static void gather_straight(Walk *walk, const Medium *medium, float length, Rgb straight) {
+Rgb walk_straight(const CameraParams *params, uint32_t object) {
+    const bool is_wanted =
+        params->scatter != NULL && (wants_order(params, 2) || wants_order(params, 3));
+    return is_wanted ? scatter_forward(params->scatter, object) : rgb(0, 0, 0);
+}
+
+/* With tau = forward before the segment and x along it, tau + x = tau + (x), and
+ * exp(tau + x) - 1 - (tau + x) = several(tau) + some(tau) (x) + exp(tau) (exp(x) - 1 - x). */
+void walk_add_straight(const CameraParams *params, CameraSample *sample, const CameraWay *way,
+                       Rgb forward, Rgb throughput, const FieldRadiance *gathered) {
+    const Rgb some = forward_some(forward);
+    const Rgb later[2] = {
+        rgb_madd(gathered->straight_once, forward, gathered->radiance),
+        rgb_add(rgb_madd(rgb_mul(forward_several(forward), gathered->radiance), some,
+                         gathered->straight_once),
+                rgb_madd(gathered->straight_more, some, gathered->straight_more))};
+    /* Later orders need no reflections of the camera's: walks bring what these leave out. */
+    CameraWay first = *way;
+    first.bounces = 0;
+    for (uint32_t k = 0; k < 2; ++k)
+        if (wants_order(params, k + 2)) {
+            const Rgb light = rgb_mul(throughput, later[k]);
+            sample->orders[k + 1] = rgb_add(sample->orders[k + 1], light);
+            sample_note(sample, &first, light);
+        }
+}
+
+/* What scattered once and then goes straight on, where no branch of the camera path gathers it. */
+static void gather_straight(Walk *walk, FieldSegment segment) {
     Walker *walker = walk->walker;
-    const Rgb sigma = rgb_madd(medium->sigma_t, straight, rgb(-1, -1, -1));
-    const float rate = fmaxf(fminf(fminf(sigma.r, sigma.g), sigma.b), 0.0f);
-    /* int exp(-rate s) ds over the segment. */
-    const float x = rate * length, reach = x > 1e-4f ? -expm1f(-x) / rate : length;
-    const float before = rgb_max(walk->forward), along = reach * rgb_max(straight);
-    if (walker->field == NULL || !(before + along > 0.0f))
+    segment.straight = walk_straight(walker->params, segment.object);
+    if (walker->field == NULL || !(rgb_max(rgb_add(walk->forward, segment.straight)) > 0.0f))
         return;
-    const float gathers = walker_gathers(walker, rgb_scale(walk->throughput, before + along));
+    const Rgb grown = rgb_madd(walk->throughput, walk->throughput, forward_some(walk->forward));
+    const float gathers = walker_gathers(walker, grown);
     if (!(gathers > 0.0f))
         return;
-    const float chance = before / (before + along);
-    const float u = walker_random(walker);
-    Rgb twice = walk->forward, more = forward_several(walk->forward);
-    float s = 0.0f, weight = gathers;
-    if (u < chance) {
-        weight /= chance;
-    } else {
-        const float v = fminf((u - chance) / (1.0f - chance), 1.0f);
-        s = x > 1e-4f ? fminf(-log1pf(-v * rate * reach) / rate, length) : v * length;
-        twice = straight;
-        more = rgb_mul(straight, forward_some(scatter_forward_depth(walk->forward, straight, s)));
-        weight *= reach * expf(rate * s) / (1.0f - chance);
-    }
-    const FieldSegment segment = {vec3_madd(walk->o, s, walk->d),
-                                  walk->d,
-                                  length - s,
-                                  medium_stack_top(&walk->stack),
-                                  walker->part,
-                                  0.0f,
-                                  NULL};
-    const Rgb factor = rgb_scale(medium_transmittance(medium, s), weight);
-    if (!wants_order(walker->params, 3))
-        more = rgb(0, 0, 0);
-    const Rgb sum = rgb_mul(rgb_mul(walk->throughput, factor), rgb_add(twice, more));
-    const Rgb light = rgb_mul(factor, walker_gather(walker, segment, sum).radiance);
-    add(walk, 2, rgb_mul(light, twice));
-    add(walk, 3, rgb_mul(light, more));
+    const Rgb throughput = rgb_scale(walk->throughput, gathers);
+    const FieldRadiance gathered = walker_gather(walker, segment, rgb(0, 0, 0));
+    walk_add_straight(walker->params, walker->out, &walker->way, walk->forward, throughput,
+                      &gathered);
 }
 
 /* The same for all that has scattered before, where it is known: then nothing is left to a walk
  * but what the walls reflect. */
-static void gather_later(Walk *walk, const Medium *medium, float length) {
+static void gather_later(Walk *walk, float length) {
     const CameraParams *params = walk->walker->params;
-    const FieldSegment segment = {
-        walk->o, walk->d, length, medium_stack_top(&walk->stack), walk->walker->part, 0.0f, NULL};
-    const ScatterRadiance radiance = scatter_gather(params->scatter, &segment, walk->forward);
+    const FieldSegment segment = walk_segment(walk, length);
+    const Sample2 u = walker_random2(walk->walker);
+    const ScatterRadiance radiance = scatter_gather(params->scatter, &segment, walk->forward, &u);
     if ((params->effects & AMB_EFFECT_WORLD_LIGHT) != 0 && wants_order(params, 1))
         add(walk, 1, radiance.once);
     if (wants_order(params, 2))
         add(walk, 2, radiance.twice);
     if (wants_order(params, 3))
         add(walk, 3, radiance.more);
-    const Rgb straight = scatter_forward(params->scatter, segment.object);
-    if (wants_order(params, 2))
-        gather_straight(walk, medium, length, straight);
-    walk->forward = scatter_forward_depth(walk->forward, straight, length);
+    if (!walk->is_seen)
+        gather_straight(walk, segment);
+    walk->forward = scatter_forward_depth(walk->forward,
+                                          scatter_forward(params->scatter, segment.object), length);
 }
 
 void walk_see_straight(Walker *walker, const CameraWay *way, Rgb forward, Rgb light) {
@@ -383,7 +396,7 @@ static bool step(Walk *walk) {
     if (material != NULL) {
         transmittance = medium_transmittance(&material->medium, length);
         if (medium_scatters(&material->medium) && walker->params->scatter != NULL) {
-            gather_later(walk, &material->medium, length);
+            gather_later(walk, length);
         } else if (medium_scatters(&material->medium)) {
             gather(walk, length);
             /* One more is of use if it can be seen from outside, or lit by a gather after it. */
@@ -456,14 +469,15 @@ static bool survives(Walk *walk) {
 }
 
 void walk_scatter(Walker *walker, Vec3 o, Vec3 d, const MediumStack *stack, Rgb throughput,
-                  Rgb forward) {
+                  Rgb forward, bool is_seen) {
     Walk walk = {.walker = walker,
                  .o = o,
                  .d = d,
                  .stack = *stack,
                  .throughput = throughput,
                  .begin = rgb_max(throughput),
-                 .forward = forward};
+                 .forward = forward,
+                 .is_seen = is_seen};
     if (!(walk.begin > 0.0f))
         return;
     const LedgerEntry before = walker->clock.entry;

@@ -16,9 +16,19 @@ bool walk_is_wanted(const CameraParams *params);
  * internal reflection, throughput what the path has there. The walk follows any number of internal
  * reflections before its first scattering, and everything after it; where the stretch refracts
  * before anything else the path's own branches go on, and the walk ends. forward: optical depth of
- * the path so far that scatters straight on; see scatter_gather. */
+ * the path so far that scatters straight on; see scatter_gather. is_seen: the path's own branches
+ * add what scatters straight on along them, and the walk where these do not go. */
 void walk_scatter(Walker *walker, Vec3 o, Vec3 d, const MediumStack *stack, Rgb throughput,
-                  Rgb forward);
+                  Rgb forward, bool is_seen);
+
+/* What an object's medium scatters straight on, 1/m, where photons bring later orders and these are
+ * wanted; else black. */
+Rgb walk_straight(const CameraParams *params, uint32_t object);
+
+/* Adds what of light gathered along a segment of a camera path went straight on after it scattered,
+ * as orders two and more; forward: as walk_scatter's. */
+void walk_add_straight(const CameraParams *params, CameraSample *sample, const CameraWay *way,
+                       Rgb forward, Rgb throughput, const FieldRadiance *gathered);
 
 /* Adds what a path sees of light of the surroundings that scattered straight on, once and more, on
  * a way of that depth: photons in cells do not have it. light: what arrives without having

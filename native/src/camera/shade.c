@@ -82,8 +82,11 @@ static void pass_medium(Walker *walker, LightPath *path, float length, Rgb glow)
             walker->field != NULL && (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0;
         const float gathers = is_wanted ? walker_gathers(walker, throughput) : 0.0f;
         if (gathers > 0.0f) {
-            const FieldSegment segment = {
-                path->o, path->d, length, medium_stack_top(&path->stack), walker->part, 0.0f, NULL};
+            const FieldSegment segment = {.o = path->o,
+                                          .d = path->d,
+                                          .length = length,
+                                          .object = medium_stack_top(&path->stack),
+                                          .part = walker->part};
             const Rgb weight = rgb_scale(throughput, gathers);
             const FieldRadiance gathered = walker_gather(walker, segment, weight);
             Rgb *single = &walker->out->orders[0];
@@ -91,7 +94,7 @@ static void pass_medium(Walker *walker, LightPath *path, float length, Rgb glow)
         }
         /* As along the camera's path: what walls reflect goes on in the walk. */
         if (path->bounces == 0 && walks_for_glow(walker->params))
-            walk_scatter(walker, path->o, path->d, &path->stack, throughput, rgb(0, 0, 0));
+            walk_scatter(walker, path->o, path->d, &path->stack, throughput, rgb(0, 0, 0), false);
         walker->field = field;
     }
     path->weight = rgb_mul(path->weight, medium_transmittance(medium, length));

@@ -17,7 +17,7 @@
 typedef struct WaitingGather {
     FieldSegment segment;
     CameraWay way;
-    Rgb throughput;
+    Rgb throughput, forward; /* see Branch */
     bool is_there;
 } WaitingGather;
 

@@ -153,8 +153,8 @@ static FieldRadiance gather_points(const Field *field, const FieldSegment *segme
         const float scale = is_late ? whole * (1.0f + segment->reflected_excess) : whole;
         if (clouds[k].count.all == 0 || (is_part && segment->part != k + 1) || !(scale > 0.0f))
             continue;
-        const FieldRadiance part = points_gather(&clouds[k], segment->o, segment->d,
-                                                 segment->length, segment->times ? &met : NULL);
+        const FieldRadiance part =
+            points_gather(&clouds[k], segment, segment->times != NULL ? &met : NULL);
         sum = field_radiance_add(sum, field_radiance_scale(part, scale));
     }
     if (met.all > 0) {
@@ -176,9 +176,12 @@ static void gather_tubes(const Field *field, const FieldSegment segments[], uint
         for (; end < count && segments[end].object == o &&
                (end == begin || (segments[end].times == NULL && segments[begin].times == NULL));
              ++end)
-            rays[end - begin] =
-                (TubeRay){segments[end].o, segments[end].d, segments[end].length,
-                          (with_frequency >> end & 1) != 0, 1.0f + segments[end].reflected_excess};
+            rays[end - begin] = (TubeRay){segments[end].o,
+                                          segments[end].d,
+                                          segments[end].length,
+                                          (with_frequency >> end & 1) != 0,
+                                          1.0f + segments[end].reflected_excess,
+                                          segments[end].straight};
         if (field->tubes[o].tube_count > 0)
             tubes_gather(&field->tubes[o], rays, end - begin, segments[begin].times, out + begin);
         begin = end;
@@ -186,7 +189,8 @@ static void gather_tubes(const Field *field, const FieldSegment segments[], uint
 }
 
 static FieldRadiance finite(const Field *field, const FieldSegment *segment, FieldRadiance sum) {
-    if (rgb_is_finite(sum.radiance) && isfinite(sum.frequency) && isfinite(sum.contribution))
+    if (rgb_is_finite(sum.radiance) && rgb_is_finite(sum.straight_more) &&
+        isfinite(sum.frequency) && isfinite(sum.contribution))
         return sum;
     atomic_fetch_add(&field->nonfinite[segment->object], 1);
     return (FieldRadiance){.radiance = {0, 0, 0}};
@@ -201,7 +205,7 @@ void field_gather_many(const Field *field, const FieldSegment segments[], uint32
         const FieldSegment *segment = &segments[i];
         const uint32_t o = segment->object;
         if (field->specular != NULL && field->specular[o].tree.cell_count > 0)
-            out[i] = specular_gather(&field->specular[o], segment->o, segment->d, segment->length);
+            out[i] = specular_gather(&field->specular[o], segment);
         if (field->clouds != NULL)
             out[i] = field_radiance_add(out[i], gather_points(field, segment));
         out[i] = finite(field, segment, out[i]);

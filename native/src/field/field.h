@@ -39,6 +39,7 @@ typedef struct FieldSegment {
     float reflected_excess; /* what light that was reflected inside counts for beyond once, where
                              * tubes carry the rest: 0 as it is, -1 not at all, which saves its
                              * time */
+    Rgb straight;           /* what scatters straight on, 1/m; black: not asked for */
     FieldTimes *times;      /* NULL: not asked for */
 } FieldSegment;
 
@@ -48,6 +49,9 @@ typedef struct FieldRadiance {
     float contribution; /* sum of contributions (mean of channels): the weight of frequency */
     Rgb reflected;      /* of radiance, light that was reflected inside before it scattered, */
     Rgb passed;         /* and light that has passed an object before; they overlap */
+    /* Of light that goes straight on along the segment after it scattered, to its start: once, and
+     * more often. Not in radiance. */
+    Rgb straight_once, straight_more;
 } FieldRadiance;
 
 static inline FieldRadiance field_radiance_add(FieldRadiance a, FieldRadiance b) {
@@ -55,7 +59,9 @@ static inline FieldRadiance field_radiance_add(FieldRadiance a, FieldRadiance b)
                            .frequency = a.frequency + b.frequency,
                            .contribution = a.contribution + b.contribution,
                            .reflected = rgb_add(a.reflected, b.reflected),
-                           .passed = rgb_add(a.passed, b.passed)};
+                           .passed = rgb_add(a.passed, b.passed),
+                           .straight_once = rgb_add(a.straight_once, b.straight_once),
+                           .straight_more = rgb_add(a.straight_more, b.straight_more)};
 }
 
 static inline FieldRadiance field_radiance_scale(FieldRadiance a, float s) {
@@ -63,7 +69,9 @@ static inline FieldRadiance field_radiance_scale(FieldRadiance a, float s) {
                            .frequency = s * a.frequency,
                            .contribution = s * a.contribution,
                            .reflected = rgb_scale(a.reflected, s),
-                           .passed = rgb_scale(a.passed, s)};
+                           .passed = rgb_scale(a.passed, s),
+                           .straight_once = rgb_scale(a.straight_once, s),
+                           .straight_more = rgb_scale(a.straight_more, s)};
 }
 
 /* Builds the field of an estimator: points from the light pass; tubes and specular, which refract
@@ -74,7 +82,8 @@ AmbStatus field_create(const AmbScene *scene, const LightField *light, const Fie
 void field_destroy(Field *field);
 
 /* Radiance that light scattered once inside the segment sends to its start,
- *   L = int_0^length exp(-sigma_t t) Q(o + t d, -d) dt.
+ *   L = int_0^length exp(-sigma_t t) Q(o + t d, -d) dt,
+ * and with x = straight t, where that is asked for, the same of x Q and (exp(x) - 1 - x) Q.
  * Any thread; the field is const, but for its count of sums that are no numbers and are left out.
  */
 FieldRadiance field_gather(const Field *field, const FieldSegment *segment);

@@ -3,6 +3,7 @@
  * instruction set, with AMB_POINT_GATHER set to the name of the variant. */
 #include "field/points/point_gather.h"
 
+#include "field/straight_lanes.h"
 #include "math/lanes.h"
 #include "optics/medium_lanes.h"
 
@@ -23,10 +24,13 @@ typedef struct Query {
     float o[3], d[3];
     float inverse[3];
     float length;
+    float straight[3];
+    bool has_straight;
 } Query;
 
 typedef struct Sums {
     Lanes radiance[3], reflected[3], passed[3];
+    Lanes straight_once[3], straight_more[3];
     Lanes frequency;
     PointCount *met; /* or NULL */
 } Sums;
@@ -94,8 +98,8 @@ typedef struct Chord {
 } Chord;
 
 /* Adds the integral along a chord on one side of s = 0. */
-static inline void gather_chord(const Chord *chord, const Medium *medium, const Lanes scale[3],
-                                Lanes radiance[3]) {
+static inline void gather_chord(const Chord *chord, const Medium *medium, const Query *q,
+                                const Lanes scale[3], Lanes radiance[3], Sums *sums) {
     const Lanes half = 0.5f * (chord->end - chord->begin);
     const Lanes middle = 0.5f * (chord->end + chord->begin);
     /* R^2 - r^2 by u = (tau - middle) / half. */
@@ -109,8 +113,16 @@ static inline void gather_chord(const Chord *chord, const Medium *medium, const 
     const Lanes path0 = chord->start + chord->begin + s0;
     const Lanes path1 = chord->start + chord->end + s1;
     const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
-    for (int a = 0; a < 3; ++a)
-        radiance[a] += half * scale[a] * attenuated(&kernel, sigma_t[a], path0, path1);
+    for (int a = 0; a < 3; ++a) {
+        const Lanes arrives = half * scale[a] * attenuated(&kernel, sigma_t[a], path0, path1);
+        radiance[a] += arrives;
+        if (q->has_straight) {
+            const StraightStretch stretch = {chord->start + chord->begin, chord->end - chord->begin,
+                                             lanes_set(0.0f), sigma_t[a] * (path1 - path0)};
+            straight_along(&stretch, q->straight[a], arrives, &sums->straight_once[a],
+                           &sums->straight_more[a]);
+        }
+    }
 }
 
 static inline LaneMask lanes_of(uint32_t bits) {
@@ -213,11 +225,11 @@ static inline void gather_block(const PointBlock *block, const Medium *medium, c
     const Lanes end_of_all = chord.end;
     chord.end = lanes_max(chord.begin, lanes_min(entry, end_of_all));
     Lanes radiance[3] = {zero, zero, zero};
-    gather_chord(&chord, medium, scatter, radiance);
+    gather_chord(&chord, medium, q, scatter, radiance, sums);
     if (lanes_bits(is_entry) != 0) {
         chord.begin = chord.end;
         chord.end = end_of_all;
-        gather_chord(&chord, medium, scatter, radiance);
+        gather_chord(&chord, medium, q, scatter, radiance, sums);
     }
     add_block(block, radiance, lanes_bits(is_hit), sums);
 }
@@ -238,9 +250,15 @@ static inline Rgb sum_lanes(const Lanes sums[3]) {
     return rgb(lanes_sum(sums[0]), lanes_sum(sums[1]), lanes_sum(sums[2]));
 }
 
-FieldRadiance AMB_POINT_GATHER(const PointTree *tree, const Medium *medium, Vec3 o, Vec3 d,
-                               float length, PointCount *met) {
-    Query q = {{o.x, o.y, o.z}, {d.x, d.y, d.z}, {0, 0, 0}, length};
+FieldRadiance AMB_POINT_GATHER(const PointTree *tree, const Medium *medium,
+                               const FieldSegment *segment, PointCount *met) {
+    const Vec3 o = segment->o, d = segment->d;
+    const Rgb straight = segment->straight;
+    Query q = {.o = {o.x, o.y, o.z},
+               .d = {d.x, d.y, d.z},
+               .length = segment->length,
+               .straight = {straight.r, straight.g, straight.b},
+               .has_straight = rgb_max(straight) > 0.0f};
     for (int a = 0; a < 3; ++a) {
         /* 0 * infinity is not a number: a direction without this component gets a huge slope. */
         const float component = fabsf(q.d[a]) < 1e-20f ? copysignf(1e-20f, q.d[a]) : q.d[a];
@@ -250,6 +268,8 @@ FieldRadiance AMB_POINT_GATHER(const PointTree *tree, const Medium *medium, Vec3
     Sums sums = {.radiance = {zero, zero, zero},
                  .reflected = {zero, zero, zero},
                  .passed = {zero, zero, zero},
+                 .straight_once = {zero, zero, zero},
+                 .straight_more = {zero, zero, zero},
                  .frequency = zero,
                  .met = met};
     int32_t stack[STACK_MAX];
@@ -273,6 +293,8 @@ FieldRadiance AMB_POINT_GATHER(const PointTree *tree, const Medium *medium, Vec3
     out.radiance = sum_lanes(sums.radiance);
     out.reflected = sum_lanes(sums.reflected);
     out.passed = sum_lanes(sums.passed);
+    out.straight_once = sum_lanes(sums.straight_once);
+    out.straight_more = sum_lanes(sums.straight_more);
     out.frequency = lanes_sum(sums.frequency) / 3.0f;
     out.contribution = rgb_mean(out.radiance);
     return out;

@@ -149,7 +149,6 @@ uint64_t points_bytes(const PointCloud *cloud) {
            cloud->tree.block_count * sizeof(PointBlock);
 }
 
-FieldRadiance points_gather(const PointCloud *cloud, Vec3 o, Vec3 d, float length,
-                            PointCount *met) {
-    return point_gather_select()(&cloud->tree, &cloud->medium, o, d, length, met);
+FieldRadiance points_gather(const PointCloud *cloud, const FieldSegment *segment, PointCount *met) {
+    return point_gather_select()(&cloud->tree, &cloud->medium, segment, met);
 }

@@ -34,6 +34,6 @@ void points_clear(PointCloud *cloud);
 uint64_t points_bytes(const PointCloud *cloud);
 
 /* See field_gather. met: counts the samples that send light, by kind; NULL: not asked for. */
-FieldRadiance points_gather(const PointCloud *cloud, Vec3 o, Vec3 d, float length, PointCount *met);
+FieldRadiance points_gather(const PointCloud *cloud, const FieldSegment *segment, PointCount *met);
 
 #endif

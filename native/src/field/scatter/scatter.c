@@ -230,7 +230,8 @@ void scatter_destroy(Scatter *scatter) {
     memory_free(scatter);
 }
 
-ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segment, Rgb forward) {
+ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segment, Rgb forward,
+                               const Sample2 *u) {
     if (scatter->cut != NULL) {
         const TreeCutRadiance radiance = tree_cut_gather(scatter->cut, segment);
         return (ScatterRadiance){.twice = radiance.twice, .more = radiance.more};
@@ -238,7 +239,7 @@ ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segme
     const ScatterCells *cells = &scatter->cells[segment->object];
     if (cells->moments == NULL || cells->layer_count == 0)
         return (ScatterRadiance){.once = {0, 0, 0}};
-    return scatter_cells_gather(cells, segment->o, segment->d, segment->length, forward);
+    return scatter_cells_gather(cells, segment->o, segment->d, segment->length, forward, u);
 }
 
 Rgb scatter_forward(const Scatter *scatter, uint32_t object) {

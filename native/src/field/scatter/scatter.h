@@ -6,6 +6,7 @@
 
 #include "field/field.h"
 #include "field/scatter/photon_landing.h"
+#include "math/sampling.h"
 
 typedef struct Scatter Scatter;
 
@@ -44,8 +45,10 @@ void scatter_destroy(Scatter *scatter);
 /* Any thread; the scatter is const. forward: optical depth, of light that scatters straight on,
  * along the ray before the segment, 0 at the lens. What goes straight on along the segment, of
  * light that has scattered before, is in the radiance; of light that has not, or once and straight
- * from a lamp, the caller knows. */
-ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segment, Rgb forward);
+ * from a lamp, the caller knows. u: in [0,1)^2, chooses what is looked at where light comes from
+ * many cells, with the same mean; NULL: everything. */
+ScatterRadiance scatter_gather(const Scatter *scatter, const FieldSegment *segment, Rgb forward,
+                               const Sample2 *u);
 
 /* What an object's medium scatters straight on, 1/m: the peaks of sharp lobes, which cells do not
  * have (lobe.h). */

@@ -435,39 +435,87 @@ static float layer_middle(const ScatterCells *cells, uint32_t layer) {
     return 0.5f * (cells->layers[layer] + cells->layers[layer + 1]);
 }
 
-/* Radiance scattered per metre at one depth, by slot: moments over volumes of the nodes around,
- * each in proportion to its volume too, so that slivers say little. Returns how far that can be
- * relied on, 0 to 1: less where little of the layer is near. */
-static float sample_layer(const ScatterCells *cells, const Cube *cube, uint32_t layer,
-                          const float (*weights)[4], float out[SLOT_MAX][4]) {
-    const uint32_t count = harmonic_count(cells->harmonics.degree);
-    float volume = 0.0f;
-    memset(out, 0, SLOT_MAX * sizeof *out);
+/* The eight nodes around a point at one depth. */
+typedef struct Layer {
+    uint64_t cells[8];
+    float hats[8];    /* 0: no cell there */
+    float volumes[8]; /* m^3, times the hat */
+    float volume;     /* of all */
+    float trust;      /* 0 to 1: less where little of the layer is near */
+} Layer;
+
+static void find_layer(const ScatterCells *cells, const Cube *cube, uint32_t layer, Layer *out) {
+    out->volume = 0.0f;
     for (uint32_t c = 0; c < 8; ++c) {
         const CellColumn column = cells->columns[cube_node(cells, cube, c)];
-        if (layer < column.low || layer >= column.high)
-            continue;
-        const uint64_t cell = column.first + layer - column.low;
-        const float hat = cube_hat(cube, c);
-        volume += hat * cells->volumes[cell];
-        const float *m = cells->moments + cell * cells->float_count;
-        for (uint32_t s = 0; s < cells->slot_count; ++s) {
-            float sum[4] = {0, 0, 0, 0};
-            for (uint32_t i = 0; i < count; ++i, m += 4)
-                for (int k = 0; k < 4; ++k)
-                    sum[k] += weights[i][k] * m[k];
-            for (int k = 0; k < 4; ++k)
-                out[s][k] += hat * sum[k];
-        }
+        const bool is_there = layer >= column.low && layer < column.high;
+        const uint64_t cell = is_there ? column.first + layer - column.low : 0;
+        out->cells[c] = cell;
+        out->hats[c] = is_there ? cube_hat(cube, c) : 0.0f;
+        out->volumes[c] = is_there ? out->hats[c] * cells->volumes[cell] : 0.0f;
+        out->volume += out->volumes[c];
     }
-    if (!(volume > 0.0f))
-        return 0.0f;
-    for (uint32_t s = 0; s < cells->slot_count; ++s)
-        for (int k = 0; k < 4; ++k)
-            out[s][k] /= volume;
     const float thickness = cells->layers[layer + 1] - cells->layers[layer];
     const float whole = cells->size * cells->size * fminf(thickness, cells->size);
-    return fminf(volume / (LAYER_PART * whole), 1.0f);
+    out->trust = out->volume > 0.0f ? fminf(out->volume / (LAYER_PART * whole), 1.0f) : 0.0f;
+}
+
+/* Adds a cell's moments, each as much as it sends into one direction, by slot. Four sums at a time:
+ * one after the other would wait for each sum. */
+static void add_moments(const ScatterCells *cells, uint64_t cell, const float (*weights)[4],
+                        float scale, float out[SLOT_MAX][4]) {
+    enum { CHAINS = 4 };
+    const uint32_t count = harmonic_count(cells->harmonics.degree);
+    const float *m = cells->moments + cell * cells->float_count;
+    for (uint32_t s = 0; s < cells->slot_count; ++s, m += (size_t)count * 4) {
+        float sums[CHAINS][4] = {{0}};
+        uint32_t i = 0;
+        for (; i + CHAINS <= count; i += CHAINS)
+            for (uint32_t j = 0; j < CHAINS; ++j)
+                for (uint32_t k = 0; k < 4; ++k)
+                    sums[j][k] += weights[i + j][k] * m[4 * (i + j) + k];
+        for (; i < count; ++i)
+            for (uint32_t k = 0; k < 4; ++k)
+                sums[0][k] += weights[i][k] * m[4 * i + k];
+        for (uint32_t k = 0; k < 4; ++k)
+            out[s][k] += scale * ((sums[0][k] + sums[1][k]) + (sums[2][k] + sums[3][k]));
+    }
+}
+
+/* Radiance scattered per metre at one depth, by slot: moments over volumes of the nodes around,
+ * each in proportion to its volume too, so that slivers say little. */
+static void sample_layer(const ScatterCells *cells, const Layer *layer, const float (*weights)[4],
+                         float out[SLOT_MAX][4]) {
+    memset(out, 0, SLOT_MAX * sizeof *out);
+    if (!(layer->volume > 0.0f))
+        return;
+    for (uint32_t c = 0; c < 8; ++c)
+        if (layer->hats[c] > 0.0f)
+            add_moments(cells, layer->cells[c], weights, layer->hats[c] / layer->volume, out);
+}
+
+/* What cells without a volume of their own have, too, in units of that of all. */
+static const float SLIVER = 0.05f;
+
+/* The same from one of the nodes by chance: its mean over u is that. */
+static void sample_layer_once(const ScatterCells *cells, const Layer *layer,
+                              const float (*weights)[4], float u, float out[SLOT_MAX][4]) {
+    memset(out, 0, SLOT_MAX * sizeof *out);
+    if (!(layer->volume > 0.0f))
+        return;
+    float chances[8], sum = 0.0f;
+    for (uint32_t c = 0; c < 8; ++c) {
+        chances[c] = layer->volumes[c] + SLIVER * layer->volume * layer->hats[c];
+        sum += chances[c];
+    }
+    uint32_t c = 0;
+    for (u *= sum; c < 7 && u >= chances[c]; ++c)
+        u -= chances[c];
+    while (c > 0 && !(chances[c] > 0.0f))
+        --c; /* rounding went past the last one */
+    if (chances[c] > 0.0f)
+        add_moments(cells, layer->cells[c], weights,
+                    layer->hats[c] * sum / (chances[c] * layer->volume), out);
 }
 
 /* Between two layers, x = 0 and 1 at their middles. Below 0, towards the boundary, the line ends at
@@ -478,10 +526,14 @@ static float between(float here, float there, float x) {
     return here + (x < 0.0f ? fmaxf(x, -0.5f) * fminf(step, 2.0f * here) : x * step);
 }
 
+/* Where one node is looked at, all are with this chance for what is above the first layer's middle.
+ */
+static const float BELOW_CHANCE = 0.25f;
+
 /* Linear in depth between the middles of layers, on to the boundary beyond the first, and even
- * beyond the last. */
+ * beyond the last. u: one node by chance; NULL: all that are around. */
 static void sample_source(const ScatterCells *cells, Vec3 p, const float (*weights)[4],
-                          float out[SLOT_MAX][4]) {
+                          const Sample2 *u, float out[SLOT_MAX][4]) {
     memset(out, 0, SLOT_MAX * sizeof *out);
     Cube cube;
     const float depth = fmaxf(depth_grid_at(&cells->depth, p), 0.0f);
@@ -490,19 +542,30 @@ static void sample_source(const ScatterCells *cells, Vec3 p, const float (*weigh
         return;
     if (layer > 0 && (depth < layer_middle(cells, layer) || layer + 1 == cells->layer_count))
         --layer;
-    float next[SLOT_MAX][4];
-    const float here = sample_layer(cells, &cube, layer, weights, out);
-    if (layer + 1 >= cells->layer_count)
-        return;
-    const float there = sample_layer(cells, &cube, layer + 1, weights, next);
-    if (!(there > 0.0f))
-        return;
-    const float from = layer_middle(cells, layer), to = layer_middle(cells, layer + 1);
-    float x = there * fminf((depth - from) / (to - from), 1.0f);
-    x = 1.0f - here * (1.0f - x);
+    Layer here, there = {.trust = 0.0f};
+    find_layer(cells, &cube, layer, &here);
+    float x = 0.0f;
+    if (layer + 1 < cells->layer_count)
+        find_layer(cells, &cube, layer + 1, &there);
+    if (there.trust > 0.0f) {
+        const float from = layer_middle(cells, layer), to = layer_middle(cells, layer + 1);
+        x = there.trust * fminf((depth - from) / (to - from), 1.0f);
+        x = 1.0f - here.trust * (1.0f - x);
+    }
+    if (u != NULL) {
+        sample_layer_once(cells, u->v < x ? &there : &here, weights, u->u, out);
+        if (!(x < 0.0f && u->v < BELOW_CHANCE))
+            return;
+    }
+    float first[SLOT_MAX][4], next[SLOT_MAX][4];
+    sample_layer(cells, &here, weights, first);
+    sample_layer(cells, &there, weights, next);
     for (uint32_t s = 0; s < cells->slot_count; ++s)
-        for (int k = 0; k < 4; ++k)
-            out[s][k] = between(out[s][k], next[s][k], x);
+        for (int k = 0; k < 4; ++k) {
+            const float all = between(first[s][k], next[s][k], x);
+            /* What the line to the boundary changes needs both layers. */
+            out[s][k] = u == NULL ? all : out[s][k] + (all - first[s][k]) / BELOW_CHANCE;
+        }
 }
 
 /* int exp(-sigma t) dt over a step. */
@@ -542,22 +605,32 @@ static void add_step(const ScatterCells *cells, const float w[3], const float ta
     }
 }
 
+/* Steps are as long as cubes where these are no longer than this, in mean free paths of the densest
+ * channel: light comes from many, and from one node of each by chance there is little noise. */
+static const float THIN_CUBE = 0.25f;
+
 ScatterRadiance scatter_cells_gather(const ScatterCells *cells, Vec3 o, Vec3 d, float length,
-                                     Rgb forward) {
+                                     Rgb forward, const Sample2 *u) {
     float weights[HARMONIC_COUNT_MAX][4];
     scatter_weights(cells, vec3_negate(d), weights);
     const Rgb sigma_t = cells->medium->sigma_t;
     const float dense = rgb_max(sigma_t);
     const float end = fminf(length, DEPTH_MAX / clearest(cells));
+    const bool is_by_chance = u != NULL && dense * cells->size <= THIN_CUBE;
     float sum[SLOT_MAX][4] = {{0}};
-    for (float t = 0.0f; t < end;) {
+    uint32_t count = 0;
+    for (float t = 0.0f; t < end; ++count) {
         const float step = fminf(fminf(fmaxf(0.25f / dense, 0.3f * t), cells->size), end - t);
         /* Where the densest channel's light of the step comes from, on average. */
         const float x = dense * step;
         const float middle =
             x > 1e-2f ? t + (1.0f - x / expm1f(x)) / dense : t + (0.5f - x / 12.0f) * step;
         float source[SLOT_MAX][4];
-        sample_source(cells, vec3_madd(o, middle, d), (const float(*)[4])weights, source);
+        Sample2 chance = {0.0f, 0.0f}; /* even over the steps */
+        if (is_by_chance)
+            chance = sample_r2(count, u->u, u->v);
+        sample_source(cells, vec3_madd(o, middle, d), (const float(*)[4])weights,
+                      is_by_chance ? &chance : NULL, source);
         const float w[3] = {step_weight(sigma_t.r, t, step), step_weight(sigma_t.g, t, step),
                             step_weight(sigma_t.b, t, step)};
         const Rgb depth = scatter_forward_depth(forward, cells->forward, middle);

@@ -64,6 +64,6 @@ bool scatter_cells_add(const ScatterCells *cells, float *moments, uint32_t slot,
 
 /* See scatter_gather. */
 ScatterRadiance scatter_cells_gather(const ScatterCells *cells, Vec3 o, Vec3 d, float length,
-                                     Rgb forward);
+                                     Rgb forward, const Sample2 *u);
 
 #endif

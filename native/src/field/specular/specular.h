@@ -31,6 +31,6 @@ void specular_clear(SpecularField *field);
 uint64_t specular_bytes(const SpecularField *field);
 
 /* See field_gather. */
-FieldRadiance specular_gather(const SpecularField *field, Vec3 o, Vec3 d, float length);
+FieldRadiance specular_gather(const SpecularField *field, const FieldSegment *segment);
 
 #endif

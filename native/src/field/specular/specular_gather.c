@@ -46,6 +46,8 @@ typedef struct Gather {
     SpecularFace face;
     const SpecularCell *cell;
     double sum[3], frequency, contribution;
+    double straight[3]; /* 1/m, and light that goes straight on: see FieldRadiance */
+    double straight_once[3], straight_more[3];
     double extinction; /* sigma_t of the densest channel, 1/m */
     int depth_max;     /* halvings of a piece */
     int turns_left;    /* halvings of this piece that cost no depth */
@@ -126,14 +128,42 @@ static bool is_visible_at(const Gather *gather, const CurvePiece *piece, double 
     return specular_curve_at(piece, x, &point) && is_visible(gather, &point);
 }
 
+/* exp(x) - 1 - x. */
+static double straight_several(double x) {
+    return x < 1e-3 ? x * x * (0.5 + x / 6.0) : expm1(x) - x;
+}
+
+/* Simpson's rule. */
+static double integral(double a, double middle, double b, double width) {
+    return width / 6.0 * (a + 4.0 * middle + b);
+}
+
+static void add_straight(Gather *gather, const Sample *a, const Sample *middle, const Sample *b,
+                         double width) {
+    const Sample *samples[3] = {a, middle, b};
+    for (int k = 0; k < 3; ++k) {
+        double once[3], more[3];
+        for (int i = 0; i < 3; ++i) {
+            const double x = gather->straight[k] * fmax(samples[i]->point.t, 0.0);
+            const double value = samples[i]->value[k];
+            once[i] = value * x;
+            more[i] = value > 0.0 ? value * straight_several(x) : 0.0;
+        }
+        gather->straight_once[k] += integral(once[0], once[1], once[2], width);
+        gather->straight_more[k] += integral(more[0], more[1], more[2], width);
+    }
+}
+
 static void add(Gather *gather, const Sample *a, const Sample *middle, const Sample *b,
                 double width) {
     double mean = 0.0;
     for (int k = 0; k < 3; ++k) {
-        const double value = width / 6.0 * (a->value[k] + 4.0 * middle->value[k] + b->value[k]);
+        const double value = integral(a->value[k], middle->value[k], b->value[k], width);
         gather->sum[k] += value;
         mean += value / 3.0;
     }
+    if (gather->straight[0] + gather->straight[1] + gather->straight[2] > 0.0)
+        add_straight(gather, a, middle, b, width);
     /* a_0 / (a_0 + a(s)) of the light's cross-section. */
     const SpecularFace *face = &gather->face;
     const SpecularLine *line = &middle->point.line;
@@ -366,13 +396,21 @@ static void search_tree(Gather *gather, const BoundQuery *query) {
     }
 }
 
-FieldRadiance specular_gather(const SpecularField *field, Vec3 o, Vec3 d, float length) {
+static Rgb rgb_of_sums(const double v[3]) {
+    return rgb((float)v[0], (float)v[1], (float)v[2]);
+}
+
+FieldRadiance specular_gather(const SpecularField *field, const FieldSegment *asked) {
+    const Vec3 o = asked->o, d = asked->d;
+    const float length = asked->length;
     const AmbScene *scene = field->scene;
     const SceneObject *object = &scene->objects[field->object];
     const Medium *medium = &scene->materials[object->inside].medium;
     Gather gather = {.field = field,
                      .medium = medium,
                      .extinction = (double)rgb_max(medium->sigma_t),
+                     .straight = {(double)asked->straight.r, (double)asked->straight.g,
+                                  (double)asked->straight.b},
                      .depth_max = DEPTH_MAX,
                      .segment = {vec3d_from(o), vec3d_from(d), (double)length}};
     const double optical_radius = gather.extinction * (double)object->radius;
@@ -388,6 +426,7 @@ FieldRadiance specular_gather(const SpecularField *field, Vec3 o, Vec3 d, float 
         const Vec3d turned = vec3d_madd(segment->d, NUDGE, vec3d_from(x));
         gather = (Gather){.field = field,
                           .medium = medium,
+                          .straight = {gather.straight[0], gather.straight[1], gather.straight[2]},
                           .extinction = gather.extinction,
                           .depth_max = gather.depth_max,
                           .segment = gather.segment};
@@ -396,7 +435,9 @@ FieldRadiance specular_gather(const SpecularField *field, Vec3 o, Vec3 d, float 
         search_tree(&gather, &(BoundQuery){o, vec3d_round(segment->d), length});
     }
     FieldRadiance out = {.frequency = 0.0f};
-    out.radiance = rgb((float)gather.sum[0], (float)gather.sum[1], (float)gather.sum[2]);
+    out.radiance = rgb_of_sums(gather.sum);
+    out.straight_once = rgb_of_sums(gather.straight_once);
+    out.straight_more = rgb_of_sums(gather.straight_more);
     out.frequency = (float)gather.frequency;
     out.contribution = (float)gather.contribution;
     return out;

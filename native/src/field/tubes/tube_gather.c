@@ -5,6 +5,7 @@
 
 #include <stddef.h>
 
+#include "field/straight_lanes.h"
 #include "math/lanes.h"
 #include "optics/medium_lanes.h"
 
@@ -38,11 +39,13 @@ typedef struct Query {
     Vec3 o, d;
     float inverse[3];
     float near, far;
-    bool has_frequency;
+    float straight[3];
+    bool has_frequency, has_straight;
 } Query;
 
 typedef struct Sums {
     Lanes radiance[3];
+    Lanes straight_once[3], straight_more[3];
     Lanes frequency;
 } Sums;
 
@@ -633,12 +636,31 @@ static inline void gather_chord(const ChordGather *gather, const End *b, const E
     value *= flux_share(gather->tubes, light, area, m.w, unit) * density * part;
     const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
     const float color[3] = {light->color.r, light->color.g, light->color.b};
+    StraightStretch stretch = {zero, zero, zero, zero};
+    if (q->has_straight) {
+        /* Rounding may take ends of the chord beyond those of the segment. */
+        const Lanes length = lanes_set(q->far - q->near);
+        const Lanes along0 = lerp(meet_b.along, meet_c.along, q0);
+        const Lanes along1 = lerp(meet_b.along, meet_c.along, q1);
+        const Lanes center = (along0 + along1) / (over0 + over1) - q->near;
+        const Lanes first = lanes_min(lanes_max(along0 / over0 - q->near, zero), length);
+        const Lanes last = lanes_min(lanes_max(along1 / over1 - q->near, zero), length);
+        const LaneMask is_rising = way.change > 0.0f;
+        stretch.near = lanes_select(is_rising, first, last);
+        stretch.span = lanes_select(is_rising, last, first) - stretch.near;
+        stretch.bend = lanes_min(lanes_max(center, zero), length) - half * (first + last);
+    }
     Lanes total = zero;
     for (int k = 0; k < 3; ++k) {
         const Lanes fade = fade_along(sigma_t[k], &way, may_be_thick);
         const Lanes arrives = lanes_select(is_hit, value * color[k] * scatter[k] * fade, zero);
         gather->sums->radiance[k] += arrives;
         total += arrives;
+        if (q->has_straight) {
+            stretch.depth = lanes_select(is_hit, sigma_t[k] * abs_lanes(way.change), zero);
+            straight_along(&stretch, q->straight[k], arrives, &gather->sums->straight_once[k],
+                           &gather->sums->straight_more[k]);
+        }
     }
     if (q->has_frequency)
         gather->sums->frequency +=
@@ -1119,7 +1141,11 @@ static inline void gather_touched(const TubeTree *tree, const Medium *medium, Pa
 static inline void start_ray(const TubeTree *tree, const TubeRay *ray, uint32_t r, Packet *packet) {
     const Vec3 from = vec3_sub(ray->o, tree->center), d = ray->d;
     Query *q = &packet->queries[r];
-    *q = (Query){.d = d, .near = vec3_dot(from, d), .has_frequency = ray->has_frequency};
+    *q = (Query){.d = d,
+                 .near = vec3_dot(from, d),
+                 .straight = {ray->straight.r, ray->straight.g, ray->straight.b},
+                 .has_frequency = ray->has_frequency,
+                 .has_straight = rgb_max(ray->straight) > 0.0f};
     q->far = q->near + ray->length;
     q->o = vec3_madd(from, -q->near, d);
     const Vec3 moment = vec3_cross(q->o, d);
@@ -1134,7 +1160,7 @@ static inline void start_ray(const TubeTree *tree, const TubeRay *ray, uint32_t 
         packet->line[r][3 + a] = packet->axes[3 + a][r] = moments[a];
     }
     const Lanes zero = lanes_set(0.0f);
-    packet->sums[r] = (Sums){{zero, zero, zero}, zero};
+    packet->sums[r] = (Sums){{zero, zero, zero}, {zero, zero, zero}, {zero, zero, zero}, zero};
     packet->touched[r].count = packet->bent[r].count = 0;
 }
 
@@ -1230,9 +1256,14 @@ static inline void gather_packet(const TubeTree *tree, const Medium *medium, Pac
     }
 }
 
+static inline Rgb sum_lanes(const Lanes sums[3]) {
+    return rgb(lanes_sum(sums[0]), lanes_sum(sums[1]), lanes_sum(sums[2]));
+}
+
 static inline FieldRadiance sum_up(const Sums *sums) {
-    FieldRadiance out = {.radiance = rgb(lanes_sum(sums->radiance[0]), lanes_sum(sums->radiance[1]),
-                                         lanes_sum(sums->radiance[2])),
+    FieldRadiance out = {.radiance = sum_lanes(sums->radiance),
+                         .straight_once = sum_lanes(sums->straight_once),
+                         .straight_more = sum_lanes(sums->straight_more),
                          .frequency = lanes_sum(sums->frequency) / 3.0f};
     out.contribution = rgb_mean(out.radiance);
     return out;

@@ -14,6 +14,7 @@ typedef struct TubeRay {
     float length;
     bool has_frequency;
     float reflected; /* what light of reflected tubes counts for; 0: they are not looked at */
+    Rgb straight;    /* see FieldSegment */
 } TubeRay;
 
 /* For up to TUBE_PACKET rays the sum over all tubes whose light meets the segment; what a ray gets
