@@ -9,6 +9,9 @@
 /* Objects that one probe tells apart; the last one stands for all others. */
 enum { TOUCHED_MAX = 8, STEP_MAX = BOUNCE_STEP_COUNT - 1 };
 
+/* Of the least share: light of less is gathered by chance. */
+static const double GATHER_PART = 0.5;
+
 /* What one probe finds of one object, by its two samples. */
 typedef struct Touched {
     uint32_t object;
@@ -34,6 +37,9 @@ typedef struct Batch {
 typedef struct Look {
     const EffectProbe *probe;
     ProbeResult *result;
+    double flux; /* of all light in media */
+    Rng rng;     /* of gathers, */
+    uint32_t dimension;
     uint32_t half;
 } Look;
 
@@ -101,16 +107,31 @@ static void see_light(void *user, const CameraWay *way, uint32_t order, Rgb radi
     add_way(look, touched, way, radiance);
 }
 
+/* Gathers take most of a probe's time, and most of them find next to nothing: what is far too
+ * little to show, by a path's throughput and the flux of a kind of light, is looked for by chance
+ * in proportion, and counts for as much more. 0: it is not. */
+static float gathers(Look *look, uint32_t class, Rgb throughput) {
+    const double part =
+        class > 0 && look->flux > 0.0 ? look->probe->light->flux[class] / look->flux : 1.0;
+    const double least = GATHER_PART * look->probe->share_min;
+    const double chance = part * (double)rgb_max(throughput) / least;
+    if (chance >= 1.0)
+        return 1.0f;
+    return (double)rng_float(look->rng, look->dimension++) < chance ? (float)(1.0 / chance) : 0.0f;
+}
+
 static void see_medium(void *user, const CameraWay *way, const FieldSegment *segment,
                        uint32_t order, Rgb throughput) {
-    const Look *look = user;
+    Look *look = user;
     count(&look->result->work, way, order, true);
     Touched *touched = touch(look->result, segment->object);
     for (uint32_t c = 0; c < LIGHT_CLASS_COUNT; ++c) {
         const Field *field = look->probe->light->fields[c];
-        if (field == NULL)
+        const float weight = field != NULL ? gathers(look, c, throughput) : 0.0f;
+        if (!(weight > 0.0f))
             continue;
-        const Rgb radiance = rgb_mul(throughput, field_gather(field, segment).radiance);
+        const Rgb radiance =
+            rgb_scale(rgb_mul(throughput, field_gather(field, segment).radiance), weight);
         if (!rgb_is_finite(radiance))
             continue;
         add(touched, look->half, order_share(order + 1), radiance);
@@ -133,6 +154,9 @@ static AmbStatus run_probes(void *user, uint64_t begin, uint64_t end, uint32_t t
     (void)thread;
     const Batch *batch = user;
     const EffectProbe *probe = batch->probe;
+    double flux = 0.0;
+    for (uint32_t c = 0; c < LIGHT_CLASS_COUNT; ++c)
+        flux += probe->light->flux[c];
     for (uint64_t i = begin; i < end; ++i) {
         if (job_is_cancelled(batch->job))
             return AMB_CANCELLED;
@@ -140,11 +164,16 @@ static AmbStatus run_probes(void *user, uint64_t begin, uint64_t end, uint32_t t
         const ViewProbe at = view_probe(probe->view, batch->first + i);
         *result = (ProbeResult){.weight = at.weight};
         for (uint32_t half = 0; half < 2; ++half) {
-            Look look = {.probe = probe, .result = result, .half = half};
+            const uint64_t path = 2 * (batch->first + i) + half;
+            Look look = {.probe = probe,
+                         .result = result,
+                         .flux = flux,
+                         .rng = rng_create(probe->camera.seed, RNG_STAGE_PROBE, path),
+                         .half = half};
             const CameraObserver observer = {
                 .user = &look, .see_medium = see_medium, .see_light = see_light};
             camera_observe(probe->scene, &observer, &probe->camera, at.pixel.x, at.pixel.y,
-                           (uint32_t)(2 * (batch->first + i) + half));
+                           (uint32_t)path);
         }
         for (uint32_t t = 0; t < result->touched_count; ++t) {
             sum_steps(&result->touched[t], SHARE_CAMERA_BOUNCES);

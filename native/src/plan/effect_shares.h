@@ -41,6 +41,7 @@ typedef struct EffectProbe {
     const View *view;
     const LightProbe *light;
     CameraParams camera; /* with everything on */
+    double share_min;    /* what shows */
 } EffectProbe;
 
 AmbStatus effect_shares_create(const AmbScene *scene, EffectShares *out_shares);

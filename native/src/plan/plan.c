@@ -234,6 +234,7 @@ static AmbStatus measure(const AmbScene *scene, const AmbRenderParams *params, V
         .scene = scene,
         .view = view,
         .light = light,
+        .share_min = plan->share_min,
         .camera = {.width = params->width,
                    .height = params->height,
                    .effects = plan->is_automatic ? camera_effects(plan) : EFFECTS_ALL,
