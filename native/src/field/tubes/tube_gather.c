@@ -172,6 +172,10 @@ typedef struct Way {
     Lanes ratio; /* of `over` (see Meeting) at the near end to that at the far one */
 } Way;
 
+/* Optical length of a tree's tubes along the boundary below which their light does not fade enough
+ * for that: flux would have to double along a tube to be wrong by a two hundredth. */
+static const float FADE_MIN = 0.03f;
+
 /* Where the light fades along the stretch, most of it is not in the middle: flux that changes along
  * it, as where light grazes a wall, must not be taken from there. int u exp(-2 y u) du over that of
  * the exponential alone, -1/2 < u < 1/2, is -(coth y - 1/y) / 2. */
@@ -196,9 +200,7 @@ static inline Lanes fade_along(float sigma_t, const Way *way, bool may_be_thick)
     const Lanes y = (0.5f * sigma_t) * abs_lanes(way->change);
     const Lanes y2 = y * y;
     /* Back to the middle: the way there is longer. */
-    const Lanes x = 2.0f * y * way->ahead;
-    const Lanes thin = lanes_exp_negative(-sigma_t * way->middle) *
-                       (1.0f - x * (1.0f - x * (0.5f - x * (1.0f / 6.0f)))) *
+    const Lanes thin = lanes_exp_negative(-sigma_t * way->middle - 2.0f * y * way->ahead) *
                        (1.0f + y2 * (1.0f / 6.0f + y2 * (1.0f / 120.0f + y2 * (1.0f / 5040.0f))));
     const LaneMask is_thick = y > 1.0f;
     if (!may_be_thick || lanes_bits(is_thick) == 0)
@@ -549,18 +551,22 @@ static inline End end_between(const End *b, const End *c, Lanes q) {
 
 /* What the lanes of gather_chord have in common. */
 typedef struct ChordGather {
+    LaneMask is_root; /* of values the ends have the roots */
     const Tubes *tubes;
     const TubeLight *light;
     const Medium *medium;
     const Query *q;
     Sums *sums;
-    LaneMask is_root; /* of values the ends have the roots */
+    bool fades; /* see FADE_MIN */
 } ChordGather;
 
 /* Adds what a chord from b to c sends along the segment, density per part of the chord; n tells the
- * side, on all of the chord the same, from which light meets the segment. */
-static inline void gather_chord(const ChordGather *gather, const End *b, const End *c,
-                                Lanes density, Lanes3 n, LaneMask is_hit) {
+ * side, on all of the chord the same, from which light meets the segment. A call would pass all of
+ * it through memory, for a twentieth of the render's time. */
+__attribute__((always_inline)) static inline void gather_chord(const ChordGather *gather,
+                                                               const End *b, const End *c,
+                                                               Lanes density, Lanes3 n,
+                                                               LaneMask is_hit) {
     const Lanes zero = lanes_set(0.0f), half = lanes_set(0.5f);
     const Query *q = gather->q;
     const Lanes3 d = set3(q->d), turned = cross3(n, d);
@@ -588,13 +594,14 @@ static inline void gather_chord(const ChordGather *gather, const End *b, const E
     const Lanes over1 = lerp(meet_b.over, meet_c.over, q1);
     const Lanes path0 = lerp(path_b, path_c, q0), path1 = lerp(path_b, path_c, q1);
     const Lanes start0 = lerp(b->start, c->start, q0), start1 = lerp(b->start, c->start, q1);
-    Way way = {.change = (path1 * over0 - path0 * over1) / (over0 * over1) + (start1 - start0)};
+    Way way = {.ahead = zero,
+               .change = (path1 * over0 - path0 * over1) / (over0 * over1) + (start1 - start0)};
     const bool may_be_thick =
         lanes_bits((0.5f * rgb_max(medium->sigma_t)) * abs_lanes(way.change) > 1.0f) != 0;
     if (may_be_thick) {
         /* Between corners directions are shorter than unit. */
-        const Lanes3 w = lerp3(b->w, c->w, half);
-        const Lanes missing = lanes_sqrt(dot3(w, w)) - 1.0f;
+        const Lanes3 mean = lerp3(b->w, c->w, half);
+        const Lanes missing = lanes_sqrt(dot3(mean, mean)) - 1.0f;
         const Lanes depth0 = lerp(meet_b.depth, meet_c.depth, q0);
         const Lanes depth1 = lerp(meet_b.depth, meet_c.depth, q1);
         const Lanes way0 = (path0 + missing * depth0) / over0 + start0;
@@ -607,33 +614,32 @@ static inline void gather_chord(const ChordGather *gather, const End *b, const E
 
     /* Everything else where most of the light is: in the middle of that part, but for what fades
      * along it. */
-    way.ahead = ahead_of_middle(rgb_mean(medium->sigma_t), &way, may_be_thick);
-    const Lanes back = lanes_select(way.change > 0.0f, way.ahead, -way.ahead);
-    const Lanes qm = half * (q0 + q1) - back * (q1 - q0);
-    const End middle = end_between(b, c, qm);
-    Meeting m = {.from = middle.from, .w = middle.w};
-    const Lanes3 normal = cross3(d, m.w);
-    meet(&m, normal, cross3(normal, d));
-    const Lanes inverse = 1.0f / lanes_max(m.over, lanes_set(SIN2_MIN));
-    const Lanes unit2 = dot3(m.w, m.w);
+    Lanes qm = half * (q0 + q1);
+    if (gather->fades) {
+        way.ahead = ahead_of_middle(rgb_mean(medium->sigma_t), &way, may_be_thick);
+        qm -= lanes_select(way.change > 0.0f, way.ahead, -way.ahead) * (q1 - q0);
+    }
+    const Lanes3 w = lerp3(b->w, c->w, qm), normal = cross3(d, w);
+    const Lanes inverse = 1.0f / lanes_max(lerp(meet_b.over, meet_c.over, qm), lanes_set(SIN2_MIN));
+    const Lanes unit2 = dot3(w, w);
     const Lanes unit = lanes_sqrt(unit2);
-    const Lanes t = lanes_max(m.along * inverse - q->near, zero);
-    const Lanes s = lanes_max(m.depth * inverse, zero);
-    way.middle = s * unit + t + middle.start;
+    const Lanes t = lanes_max(lerp(meet_b.along, meet_c.along, qm) * inverse - q->near, zero);
+    const Lanes s = lanes_max(lerp(meet_b.depth, meet_c.depth, qm) * inverse, zero);
+    way.middle = s * unit + t + lerp(b->start, c->start, qm);
 
     const TubeLight *light = gather->light;
     Lanes scatter[3];
-    medium_scattering_lanes(medium, dot3(m.w, d) / unit, m.over / unit2, scatter);
+    medium_scattering_lanes(medium, dot3(w, d) / unit, dot3(normal, normal) / unit2, scatter);
     const Lanes3 area = area_of(gather->tubes);
     const Lanes part = q1 - q0;
-    Lanes value = middle.value;
+    Lanes value = lerp(b->value, c->value, qm);
     if (light->value == TUBE_VALUE_LEAVES) {
         /* The mean of a square is that of the middle and the variance. */
         const Lanes change = (c->value - b->value) * part;
         const Lanes square = value * value + change * change * (1.0f / 12.0f);
         value = lanes_select(gather->is_root, square, value);
     }
-    value *= flux_share(gather->tubes, light, area, m.w, unit) * density * part;
+    value *= flux_share(gather->tubes, light, area, w, unit) * density * part;
     const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
     const float color[3] = {light->color.r, light->color.g, light->color.b};
     StraightStretch stretch = {zero, zero, zero, zero};
@@ -664,7 +670,7 @@ static inline void gather_chord(const ChordGather *gather, const End *b, const E
     }
     if (q->has_frequency)
         gather->sums->frequency +=
-            lanes_select(is_hit, total * frequency_of(gather->tubes, area, m.w, s), zero);
+            lanes_select(is_hit, total * frequency_of(gather->tubes, area, w, s), zero);
 }
 
 /* Where light turns over from one side of the view to the other, it meets the view at infinity, and
@@ -677,9 +683,9 @@ enum { PIECE_COUNT = sizeof PIECE_ENDS / sizeof PIECE_ENDS[0] + 1 };
 /* Ratio of `over` at the ends of a chord below which it is cut. */
 static const float TURN_RATIO = 0.25f;
 
-static inline void gather_turning(const ChordGather *gather, const End *b, const End *c,
-                                  Lanes density, Lanes3 n, Lanes over_b, Lanes over_c,
-                                  LaneMask is_hit) {
+__attribute__((noinline)) static void gather_turning(const ChordGather *gather, const End *b,
+                                                     const End *c, Lanes density, Lanes3 n,
+                                                     Lanes over_b, Lanes over_c, LaneMask is_hit) {
     const Lanes zero = lanes_set(0.0f), one = lanes_set(1.0f);
     const LaneMask is_level = over_b == over_c;
     const Lanes turn = over_b / lanes_select(is_level, one, over_b - over_c);
@@ -734,8 +740,9 @@ static inline LaneMask chord_ends(const Tubes *tubes, const Odd *odd, Lanes cut_
 
 /* Adds what tubes that are crossed send along the segment. A lane whose f does not
  * change its sign counts for nothing. */
-static inline void gather_tubes(const Tubes *tubes, const Lanes *soft, const TubeLight *light,
+static inline void gather_tubes(const Tubes *tubes, const Lanes *soft, const TubeTree *tree,
                                 const Medium *medium, const Query *q, Sums *sums) {
+    const TubeLight *light = &tree->light;
     const Lanes one = lanes_set(1.0f), half = lanes_set(0.5f);
     const Lanes3 d = set3(q->d), o = set3(q->o);
     const Odd odd = odd_corner(tubes->f);
@@ -749,7 +756,8 @@ static inline void gather_tubes(const Tubes *tubes, const Lanes *soft, const Tub
     const Lanes density = soft != NULL ? *soft : 2.0f * cut_b / abs_lanes(gap_c);
     End b, c;
     const LaneMask is_root = chord_ends(tubes, &odd, cut_b, cut_c, light->value, o, &b, &c);
-    const ChordGather gather = {tubes, light, medium, q, sums, is_root};
+    const bool fades = rgb_max(medium->sigma_t) * tree->edge > FADE_MIN;
+    const ChordGather gather = {is_root, tubes, light, medium, q, sums, fades};
     const Lanes3 n = cross3(d, lerp3(b.w, c.w, half)), turned = cross3(n, d);
     const Lanes over_b = dot3(b.w, turned), over_c = dot3(c.w, turned);
     const LaneMask turns =
@@ -908,9 +916,9 @@ static inline void gather_crossed(Tubes *tubes, const TubeTree *tree, const Medi
                                   const Query *q, Sums *sums) {
     if (tree->blur > 0.0f) {
         const Lanes density = soften_tubes(tubes, &tree->light, q, rgb_mean(medium->sigma_t));
-        gather_tubes(tubes, &density, &tree->light, medium, q, sums);
+        gather_tubes(tubes, &density, tree, medium, q, sums);
     } else {
-        gather_tubes(tubes, NULL, &tree->light, medium, q, sums);
+        gather_tubes(tubes, NULL, tree, medium, q, sums);
     }
 }
 

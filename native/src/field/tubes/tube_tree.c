@@ -187,6 +187,13 @@ static AmbStatus build(Builder *builder) {
     return AMB_OK;
 }
 
+static float tube_edge(const Tube *tube) {
+    float longest = 0.0f;
+    for (int k = 0; k < 3; ++k)
+        longest = fmaxf(longest, vec3_length(vec3_sub(tube->x[k], tube->x[(k + 1) % 3])));
+    return longest;
+}
+
 AmbStatus tube_tree_build(const Tube *tubes, uint64_t tube_count, const TubeLight *light,
                           Vec3 center, float radius, Job *job, TubeTree *out_tree) {
     memset(out_tree, 0, sizeof *out_tree);
@@ -204,8 +211,10 @@ AmbStatus tube_tree_build(const Tube *tubes, uint64_t tube_count, const TubeLigh
     if (out_tree->patches == NULL || out_tree->nodes == NULL || builder.items == NULL) {
         status = status_fail(AMB_OUT_OF_MEMORY, "no memory for the tree of light tubes");
     } else {
-        for (uint64_t i = 0; i < tube_count; ++i)
+        for (uint64_t i = 0; i < tube_count; ++i) {
             out_tree->blur = fmaxf(out_tree->blur, tubes[i].blur);
+            out_tree->edge = fmaxf(out_tree->edge, tube_edge(&tubes[i]));
+        }
         place_patches(&builder);
         status = build(&builder);
     }

@@ -30,6 +30,7 @@ typedef struct TubeTree {
     Vec3 center;    /* world */
     float slack;    /* m, by which f is wrong from rounding, at most */
     float blur;     /* largest of the tubes; 0: the source is a point */
+    float edge;     /* m, the longest between corners on the boundary */
     float bend_max; /* the gather quarters tubes in which f is farther from linear, in units of its
                      * range over the corners */
 } TubeTree;
