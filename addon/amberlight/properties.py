@@ -167,6 +167,11 @@ class AmberlightSceneSettings(bpy.types.PropertyGroup):
         description="Light that opaque surfaces send one another",
         default=DEFAULT.use_interreflection,
     )
+    use_lamp_images: BoolProperty(
+        name="Images of Lamps",
+        description="Lamps of some size that are seen mirrored in objects, or through them",
+        default=DEFAULT.use_lamp_images,
+    )
     light_bounces: IntProperty(
         name="Light Bounces",
         description="Most " + FOLLOW.format("light"),

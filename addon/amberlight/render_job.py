@@ -32,6 +32,7 @@ EFFECTS = {
     "use_transmitted_light": _ffi.AMB_EFFECT_TRANSMITTED_LIGHT,
     "use_caustics": _ffi.AMB_EFFECT_CAUSTICS,
     "use_interreflection": _ffi.AMB_EFFECT_INTERREFLECTION,
+    "use_lamp_images": _ffi.AMB_EFFECT_LAMP_IMAGES,
 }
 SCATTER_ESTIMATORS = {
     "AUTO": _ffi.AMB_SCATTER_AUTO,
@@ -65,6 +66,7 @@ class Settings:
     use_transmitted_light: bool = True
     use_caustics: bool = True
     use_interreflection: bool = True
+    use_lamp_images: bool = True
     light_bounces: int = 0
     camera_bounces: int = 0
     adjoint_normals: bool = True

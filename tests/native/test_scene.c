@@ -552,6 +552,52 @@ static void arrival_matches_closed_forms(void) {
     ENSURE_NEAR(mean_arrival(&scene_light, vec3(0, 0, 0), up), 1.0, 1e-5);
 }
 
+/* Irradiance by the radiance that is seen, over a grid of directions by the cosine around z. */
+static double seen_irradiance(const SceneLight *light, Vec3 p) {
+    enum { GRID = 600 };
+    double sum = 0.0;
+    for (int i = 0; i < GRID; ++i)
+        for (int k = 0; k < GRID; ++k) {
+            const Sample2 u = {((float)i + 0.5f) / GRID, ((float)k + 0.5f) / GRID};
+            float t = 0.0f;
+            const Rgb radiance = light_seen(light, p, sample_cosine_hemisphere(u), INFINITY, &t);
+            ENSURE(!(radiance.g > 0.0f) || t > 0.0f);
+            sum += (double)radiance.g;
+        }
+    return PI * sum / (GRID * GRID);
+}
+
+static void what_is_seen_is_what_arrives(void) {
+    static const uint32_t kinds[] = {AMB_LIGHT_POINT, AMB_LIGHT_SPOT, AMB_LIGHT_SUN, AMB_LIGHT_AREA,
+                                     AMB_LIGHT_AREA};
+    for (uint32_t i = 0; i < 5; ++i) {
+        AmbLight light;
+        amb_light_init(&light, kinds[i]);
+        light.position[0] = 0.4f;
+        light.position[2] = 2.0f;
+        light.radius = 0.8f;
+        light.angle = 0.6f;
+        light.size[0] = 1.5f;
+        light.size[1] = 1.0f;
+        light.spot_size = 1.2f;
+        light.spot_blend = 0.5f;
+        light.area_shape = i == 3 ? AMB_AREA_RECTANGLE : AMB_AREA_ELLIPSE;
+        const SceneLight lamp = light_of(&light);
+        ENSURE(light_has_extent(&lamp));
+        for (int k = 0; k < 3; ++k) {
+            const Vec3 p = vec3(0.3f * (float)k, 0.2f, 0.0f);
+            const double arrives = mean_arrival(&lamp, p, vec3(0, 0, 1));
+            ENSURE_NEAR(seen_irradiance(&lamp, p) / arrives, 1.0, 0.01);
+        }
+        /* Not from behind, and not beyond what is asked. */
+        float t = 0.0f;
+        ENSURE(light_seen(&lamp, vec3(0.4f, 0, 0), vec3(0, 0, 1), 2.1f, &t).g > 0.0f ||
+               kinds[i] == AMB_LIGHT_SUN);
+        ENSURE(light_seen(&lamp, vec3(0.4f, 0, 0), vec3(0, 0, 1), 1.9f, &t).g == 0.0f);
+        ENSURE(light_seen(&lamp, vec3(0.4f, 0, 0), vec3(0, 0, -1), INFINITY, &t).g == 0.0f);
+    }
+}
+
 static void spot_edge_is_a_smoothstep(void) {
     AmbLight light;
     amb_light_init(&light, AMB_LIGHT_SPOT);
@@ -634,6 +680,7 @@ void test_scene(void) {
     RUN(emission_of_a_sun_is_irradiance_times_disc);
     RUN(emission_of_an_area_is_lambertian);
     RUN(arrival_matches_closed_forms);
+    RUN(what_is_seen_is_what_arrives);
     RUN(spot_edge_is_a_smoothstep);
     RUN(camera_rays_pass_the_window);
 }

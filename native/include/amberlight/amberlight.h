@@ -299,6 +299,8 @@ enum {
                                             * scatters in media */
     AMB_EFFECT_INTERREFLECTION = 1 << 8,   /* light that opaque surfaces send one another, as the
                                             * camera sees it; what scatters of it is left out */
+    AMB_EFFECT_LAMP_IMAGES = 1 << 9,       /* lamps of some extent that the camera sees mirrored in
+                                            * objects, or through them */
 };
 
 /* How light that scattered twice and more is found. */

@@ -20,7 +20,7 @@ void amb_render_params_init(AmbRenderParams *params) {
             .estimator = AMB_ESTIMATOR_AUTO,
             .effects = AMB_EFFECT_SINGLE_SCATTERING | AMB_EFFECT_SURFACE_REFLECTION |
                        AMB_EFFECT_BACKGROUND | AMB_EFFECT_TRANSMITTED_LIGHT | AMB_EFFECT_CAUSTICS |
-                       AMB_EFFECT_INTERREFLECTION,
+                       AMB_EFFECT_INTERREFLECTION | AMB_EFFECT_LAMP_IMAGES,
             .light_samples = 1000000,
             .kernel_size = 4.0f,
             .adjoint_normals = 1};

@@ -211,12 +211,38 @@ static void follow(Walker *walker, Branch branch) {
     ledger_switch(clock, entry, object);
 }
 
+/* Lamps on the way of a branch that has met a boundary; to the eye itself they are invisible, as in
+ * Cycles. An observer does not see them, either: small and bright, they would be all that few
+ * probes tell. Lamps of the world's image are seen there. */
+static void see_lamps(Walker *walker, const Branch *branch, float length) {
+    const AmbScene *scene = walker->scene;
+    if (walker->observer != NULL || branch->depth == 0 ||
+        (walker->params->effects & AMB_EFFECT_LAMP_IMAGES) == 0)
+        return;
+    for (uint32_t l = 0; l < scene->light_count - scene->world_lamp_count; ++l) {
+        const SceneLight *light = &scene->lights[l];
+        float t;
+        const Rgb radiance = light_has_extent(light)
+                                 ? light_seen(light, branch->o, branch->d, length, &t)
+                                 : rgb(0, 0, 0);
+        if (!(rgb_max(radiance) > 0.0f))
+            continue;
+        Rgb arriving = rgb_mul(branch->throughput, radiance);
+        if (branch->stack.count > 0)
+            arriving = rgb_mul(
+                arriving,
+                medium_transmittance(&medium_stack_material(scene, &branch->stack)->medium, t));
+        walker->out->lamps = rgb_add(walker->out->lamps, arriving);
+    }
+}
+
 static void follow_arrival(Walker *walker, Branch branch) {
     const AmbScene *scene = walker->scene;
     const bool is_inside = branch.stack.count > 0;
     BoundaryArrival arrival;
     const bool is_hit =
         boundary_find(scene, &branch.stack, branch.o, branch.d, branch.t_max, &arrival);
+    see_lamps(walker, &branch, is_hit ? arrival.t : branch.t_max);
     if (is_inside) {
         const float length = is_hit ? arrival.t : fminf(branch.t_max, scene_end(scene, branch.o));
         if (!is_hit && !isfinite(branch.t_max))

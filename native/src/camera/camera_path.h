@@ -52,6 +52,7 @@ typedef struct CameraParams {
 typedef struct CameraSample {
     Rgb orders[CAMERA_ORDER_COUNT]; /* scattered once, twice, more often in media, W m^-2 sr^-1 */
     Rgb surface;                    /* not scattered in a medium */
+    Rgb lamps;                      /* images of lamps, in none of the above */
     float parts[CAMERA_PART_COUNT]; /* of all this, mean of channels; they overlap */
     float alpha;
     float depth;         /* along the view axis, m; CAMERA_DEPTH_NONE where nothing is seen */
@@ -61,7 +62,7 @@ typedef struct CameraSample {
     bool is_object;      /* the primary ray hits a translucent object */
 } CameraSample;
 
-/* All radiance: orders and surface. */
+/* All radiance but images of lamps: orders and surface. */
 static inline Rgb camera_sample_sum(const CameraSample *sample) {
     Rgb sum = sample->surface;
     for (int k = 0; k < CAMERA_ORDER_COUNT; ++k)

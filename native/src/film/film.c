@@ -74,6 +74,10 @@ void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum) {
         atomic_fetch_add(&film->nonfinite_surface, 1);
         add.surface = rgb(0, 0, 0);
     }
+    if (!rgb_is_finite(add.lamps)) {
+        atomic_fetch_add(&film->nonfinite_surface, 1);
+        add.lamps = rgb(0, 0, 0);
+    }
     for (int k = 0; k < FILM_PART_COUNT; ++k)
         if (!isfinite(add.parts[k]))
             add.parts[k] = 0.0f;
@@ -87,6 +91,7 @@ void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum) {
     for (int k = 0; k < FILM_ORDER_COUNT; ++k)
         pixel->orders[k] = rgb_add(pixel->orders[k], add.orders[k]);
     pixel->surface = rgb_add(pixel->surface, add.surface);
+    pixel->lamps = rgb_add(pixel->lamps, add.lamps);
     for (int k = 0; k < FILM_PART_COUNT; ++k)
         pixel->parts[k] += add.parts[k];
     pixel->alpha += add.alpha;
@@ -137,7 +142,7 @@ static void read_pixel(const FilmPixel *pixel, uint32_t pass, float *out) {
     const float scale = pixel->count > 0 ? 1.0f / (float)pixel->count : 0.0f;
     switch (pass) {
     case PASS_COMBINED:
-        put_rgb(out, rgb_scale(film_pixel_sum(pixel), scale));
+        put_rgb(out, rgb_scale(rgb_add(film_pixel_sum(pixel), pixel->lamps), scale));
         out[3] = pixel->alpha * scale;
         break;
     case PASS_DEPTH:
@@ -149,7 +154,7 @@ static void read_pixel(const FilmPixel *pixel, uint32_t pass, float *out) {
         put_rgb(out, rgb_scale(pixel->orders[pass - PASS_SINGLE], scale));
         break;
     case PASS_SURFACE:
-        put_rgb(out, rgb_scale(pixel->surface, scale));
+        put_rgb(out, rgb_scale(rgb_add(pixel->surface, pixel->lamps), scale));
         break;
     default:
         out[0] = pixel->contribution > 0.0f ? pixel->frequency / pixel->contribution : 0.0f;

@@ -18,6 +18,7 @@ enum { FILM_PART_CAUSTICS = 4, FILM_PART_INTERREFLECTION = 7, FILM_PART_COUNT = 
 typedef struct FilmPixel {
     Rgb orders[FILM_ORDER_COUNT]; /* scattered once, twice, more often */
     Rgb surface;
+    Rgb lamps;                    /* images of lamps: in no sum but that of the picture */
     float parts[FILM_PART_COUNT]; /* of all this, by effect; mean of channels */
     float alpha;
     float frequency, contribution;

@@ -36,7 +36,7 @@ FilmSum film_sum_row(const Film *film, uint32_t y, FilmSet set) {
 
 /* Sums over the pixels of a set. */
 typedef struct ShareSum {
-    double orders[FILM_ORDER_COUNT], parts[FILM_PART_COUNT]; /* squares */
+    double orders[FILM_ORDER_COUNT], parts[FILM_PART_COUNT], lamps; /* squares */
     double radiance;
     uint64_t count;
 } ShareSum;
@@ -53,6 +53,7 @@ static ShareSum sum_shares(const Film *film, FilmSet set) {
                 (double)rgb_mean(rgb_mul(pixel->orders[k], pixel->orders[k])) / (n * n);
         for (int k = 0; k < FILM_PART_COUNT; ++k)
             sum.parts[k] += (double)pixel->parts[k] * (double)pixel->parts[k] / (n * n);
+        sum.lamps += (double)rgb_mean(rgb_mul(pixel->lamps, pixel->lamps)) / (n * n);
         sum.radiance += (double)rgb_mean(film_pixel_sum(pixel)) / n;
         ++sum.count;
     }
@@ -74,6 +75,7 @@ FilmShares film_shares(const Film *film) {
     for (int k = 0; k < FILM_PART_COUNT; ++k)
         shares.parts[k] = share(&objects, objects.parts[k]);
     shares.parts[FILM_PART_CAUSTICS] = share(&lit, lit.parts[FILM_PART_CAUSTICS]);
+    shares.lamps = share(&all, all.lamps);
     shares.parts[FILM_PART_INTERREFLECTION] = share(&all, all.parts[FILM_PART_INTERREFLECTION]);
     return shares;
 }

@@ -35,6 +35,7 @@ FilmSum film_sum_row(const Film *film, uint32_t y, FilmSet set);
 typedef struct FilmShares {
     bool is_known, has_caustics, has_any; /* there are such pixels, and they are not black */
     double orders[FILM_ORDER_COUNT], parts[FILM_PART_COUNT];
+    double lamps; /* their images, over FILM_ALL, in units of all else there */
 } FilmShares;
 
 FilmShares film_shares(const Film *film);

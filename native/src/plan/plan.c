@@ -161,6 +161,17 @@ static PlanEffect plan_world(const AmbScene *scene, const AmbRenderParams *param
     return plan_simulated(name, "a medium scatters, and there are surroundings");
 }
 
+static PlanEffect plan_lamp_images(const AmbScene *scene, const AmbRenderParams *params) {
+    const char *name = "images of lamps";
+    if ((params->effects & AMB_EFFECT_LAMP_IMAGES) == 0)
+        return plan_skipped(name, "switched off");
+    if (!scene_has_boundary(scene))
+        return plan_skipped(name, "no translucent object");
+    if (!scene_has_wide_lamp(scene))
+        return plan_skipped(name, "no lamp has an extent");
+    return plan_simulated(name, "a lamp has an extent");
+}
+
 /* Whether the effects gather light of lamps in media. */
 static bool needs_field(const AmbScene *scene, const Plan *plan) {
     const PlanEffect *effects = plan->effects;
@@ -194,6 +205,7 @@ static void apply_rules(const AmbScene *scene, const AmbRenderParams *params, Pl
     effects[PLAN_LIGHT_ON_SURFACES] = plan_light_on_surfaces(scene, params);
     effects[PLAN_CAUSTICS] = plan_caustics(scene, params, plan);
     effects[PLAN_INTERREFLECTION] = plan_interreflection(scene, params);
+    effects[PLAN_LAMP_IMAGES] = plan_lamp_images(scene, params);
 }
 
 static uint64_t clamp_count(double count, uint64_t least, uint64_t most) {
@@ -214,7 +226,8 @@ static const struct {
                  {PLAN_WORLD_LIGHT, AMB_EFFECT_WORLD_LIGHT},
                  {PLAN_SURFACE_REFLECTION, AMB_EFFECT_SURFACE_REFLECTION},
                  {PLAN_BACKGROUND, AMB_EFFECT_BACKGROUND},
-                 {PLAN_INTERREFLECTION, AMB_EFFECT_INTERREFLECTION}};
+                 {PLAN_INTERREFLECTION, AMB_EFFECT_INTERREFLECTION},
+                 {PLAN_LAMP_IMAGES, AMB_EFFECT_LAMP_IMAGES}};
 
 /* AMB_EFFECT_* of the effects that are to be simulated and that the camera's paths need to know. */
 static uint32_t camera_effects(const Plan *plan) {

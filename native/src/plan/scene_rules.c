@@ -69,6 +69,13 @@ bool scene_has_lamp(const AmbScene *scene) {
     return false;
 }
 
+bool scene_has_wide_lamp(const AmbScene *scene) {
+    for (uint32_t l = 0; l < scene->light_count - scene->world_lamp_count; ++l)
+        if (light_has_extent(&scene->lights[l]) && rgb_max(scene->lights[l].color) > 0.0f)
+            return true;
+    return false;
+}
+
 bool scene_may_touch(const SceneObject *a, const SceneObject *b) {
     return vec3_length(vec3_sub(a->center, b->center)) < a->radius + b->radius;
 }

@@ -11,6 +11,8 @@ bool scene_has_scattering(const AmbScene *scene); /* with a medium that scatters
 bool scene_has_opaque_surface(const AmbScene *scene);
 float scene_albedo_max(const AmbScene *scene); /* of all media and channels */
 bool scene_has_lamp(const AmbScene *scene);
+/* One that the world's image does not show. */
+bool scene_has_wide_lamp(const AmbScene *scene);
 bool scene_object_scatters(const AmbScene *scene, uint32_t object);
 
 /* Whether their bounding spheres meet: one of them may be inside the other. */

@@ -63,6 +63,7 @@ static void add_sample(AmbRender *render, const CameraSample *sample, uint32_t i
     for (int k = 0; k < CAMERA_ORDER_COUNT; ++k)
         sum->orders[k] = rgb_add(sum->orders[k], sample->orders[k]);
     sum->surface = rgb_add(sum->surface, sample->surface);
+    sum->lamps = rgb_add(sum->lamps, sample->lamps);
     for (int k = 0; k < CAMERA_PART_COUNT; ++k)
         sum->parts[k] += sample->parts[k];
     sum->alpha += sample->alpha;

@@ -196,6 +196,10 @@ static bool measured_share(const FilmShares *shares, uint32_t effect, double *ou
                  {PLAN_TRANSMITTED_LIGHT, CAMERA_PART_TRANSMITTED, false},
                  {PLAN_CAUSTICS, CAMERA_PART_CAUSTICS, false},
                  {PLAN_INTERREFLECTION, CAMERA_PART_INTERREFLECTION, false}};
+    if (effect == PLAN_LAMP_IMAGES) {
+        *out_share = shares->lamps;
+        return shares->has_any;
+    }
     for (uint32_t i = 0; i < sizeof known / sizeof known[0]; ++i)
         if (known[i].effect == effect) {
             *out_share = (known[i].is_order ? shares->orders : shares->parts)[known[i].index];

@@ -96,6 +96,49 @@ LightArrival light_arrival(const SceneLight *light, Vec3 p, Sample2 u) {
     return arrival;
 }
 
+bool light_has_extent(const SceneLight *light) {
+    return light->kind == AMB_LIGHT_AREA  ? light->size[0] > 0.0f && light->size[1] > 0.0f
+           : light->kind == AMB_LIGHT_SUN ? light->angle > 0.0f
+                                          : light->radius > 0.0f;
+}
+
+static Rgb sun_seen(const SceneLight *light, Vec3 d, float t_max, float *out_t) {
+    const Vec3 aside = vec3_add(d, light->direction);
+    const float cap = sun_cap(light);
+    *out_t = INFINITY;
+    if (isfinite(t_max) || 0.5f * vec3_dot(aside, aside) >= cap)
+        return rgb(0, 0, 0);
+    return rgb_scale(sun_irradiance(light), 1.0f / (2.0f * AMB_PI * cap));
+}
+
+Rgb light_seen(const SceneLight *light, Vec3 o, Vec3 d, float t_max, float *out_t) {
+    if (light->kind == AMB_LIGHT_SUN)
+        return sun_seen(light, d, t_max, out_t);
+    const Rgb black = rgb(0, 0, 0);
+    const Vec3 from_light = vec3_sub(o, light->position);
+    const bool is_area = light->kind == AMB_LIGHT_AREA;
+    const Vec3 normal = is_area ? light->direction : vec3_normalize(from_light);
+    const float cosine = -vec3_dot(d, normal);
+    const float t = vec3_dot(from_light, normal) / cosine;
+    *out_t = t;
+    if (!(cosine > 0.0f) || !(t > 0.0f) || !(t <= t_max))
+        return black;
+    const Vec3 at = vec3_madd(from_light, t, d);
+    if (!is_area) {
+        if (!(vec3_dot(at, at) < light->radius * light->radius))
+            return black;
+        const float factor =
+            light->kind == AMB_LIGHT_SPOT ? spot_factor(light, vec3_negate(d)) : 1.0f;
+        return rgb_scale(light->color, factor / (AMB_PI * light->radius * light->radius));
+    }
+    const float x = vec3_dot(at, light->x) / light->size[0];
+    const float y = vec3_dot(at, light->y) / light->size[1];
+    const bool is_inside = light->area_shape == AMB_AREA_ELLIPSE
+                               ? x * x + y * y < 1.0f
+                               : fabsf(x) < 1.0f && fabsf(y) < 1.0f;
+    return is_inside ? light->color : black;
+}
+
 typedef struct Cap {
     Vec3 axis;
     float one_minus_cos;

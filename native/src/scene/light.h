@@ -38,6 +38,13 @@ typedef struct LightArrival {
  * extended light. */
 LightArrival light_arrival(const SceneLight *light, Vec3 p, Sample2 u);
 
+/* Whether a camera can see it at all, and not only what it lights. */
+bool light_has_extent(const SceneLight *light);
+
+/* Radiance of the light along o + t d, d unit, and where, with t in (0, t_max]; black where it is
+ * not met. What light_arrival samples: discs that face o, planes, caps of directions. */
+Rgb light_seen(const SceneLight *light, Vec3 o, Vec3 d, float t_max, float *out_t);
+
 /* The family of rays that a light sends at a target sphere: `count` rays of equal solid angle (or
  * area, for a sun) on a Fibonacci lattice over the cap (or disc) that covers the target. */
 typedef struct LightEmission {

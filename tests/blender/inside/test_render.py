@@ -400,7 +400,7 @@ def test_walls_light_one_another_as_in_cycles(small, real_library, render_to):
     for engine in ("CYCLES", "AMBERLIGHT"):
         small.render.engine = engine
         small.amberlight.samples = small.cycles.samples = 256
-        small.cycles.use_denoising = False
+        small.cycles.use_denoising = small.cycles.use_adaptive_sampling = False
         small.cycles.pixel_filter_type = "BOX"
         small.cycles.max_bounces = small.cycles.diffuse_bounces = 64
         small.cycles.sample_clamp_indirect = 0
@@ -414,6 +414,43 @@ def test_walls_light_one_another_as_in_cycles(small, real_library, render_to):
     small.amberlight.effects, small.amberlight.use_interreflection = "MANUAL", False
     alone = render_to("alone")["ViewLayer.Combined.R"]
     assert alone.mean() < 0.6 * ours[..., 0].mean()
+
+
+@pytest.mark.parametrize("kind", ["AREA", "POINT", "SUN"])
+def test_images_of_lamps_are_those_of_cycles(small, real_library, render_to, kind):
+    """A ball of clear glass in the dark: all that is seen are lamps, mirrored and refracted."""
+    if "cycles" not in dir(small):
+        pytest.skip("no Cycles")
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=64, ring_count=32)
+    bpy.ops.object.shade_smooth()
+    bpy.ops.amberlight.new_translucent_material(preset="RESIN")
+    tree = bpy.context.object.active_material.node_tree
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.remove(output.inputs["Volume"].links[0])
+    bpy.ops.object.light_add(type=kind, location=(0.5, -3, 4), rotation=(0.65, 0.1, 0))
+    lamp = bpy.context.object.data
+    if kind == "AREA":
+        lamp.energy, lamp.size = 100, 2
+    elif kind == "POINT":
+        lamp.energy, lamp.shadow_soft_size = 100, 1
+    else:
+        lamp.energy, lamp.angle = 3, 0.5
+    small.camera.data.lens = 80
+    small.amberlight.effects, small.amberlight.camera_bounces = "MANUAL", 8
+    seen = {}
+    for engine in ("CYCLES", "AMBERLIGHT"):
+        small.render.engine = engine
+        small.amberlight.samples = small.cycles.samples = 1024
+        small.cycles.use_denoising = small.cycles.use_adaptive_sampling = False
+        small.cycles.pixel_filter_type = "BOX"
+        small.cycles.blur_glossy = small.cycles.sample_clamp_indirect = 0
+        seen[engine] = render_to(engine)["ViewLayer.Combined.G"]
+    ours, cycles = seen["AMBERLIGHT"], seen["CYCLES"]
+    assert cycles.mean() > 0
+    assert ours.mean() == pytest.approx(cycles.mean(), rel=0.05)
+    assert np.corrcoef(ours.ravel(), cycles.ravel())[0, 1] > 0.98
+    small.amberlight.use_lamp_images = False
+    assert not render_to("none")["ViewLayer.Combined.G"].any()
 
 
 def test_transparent_film(ball, real_library, render_to):
