@@ -14,7 +14,8 @@ SETTINGS = {
     "use_double_scattering": False, "use_multiple_scattering": False,
     "use_world_light": False, "use_surface_reflection": True, "use_background": True,
     "use_transmitted_light": True, "use_caustics": True, "use_interreflection": True,
-    "use_lamp_images": True, "light_bounces": 0, "camera_bounces": 0, "adjoint_normals": True, "seed": 0,
+    "use_lamp_images": True, "light_bounces": 0, "camera_bounces": 0,
+    "adjoint_normals": True, "seed": 0,
     "scatter_estimator": "AUTO", "scatter_order_max": 0, "memory_limit": 0,
     "report_path": "", "exr_path": "",
 }  # fmt: skip
