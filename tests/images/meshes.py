@@ -77,6 +77,25 @@ def bumpy_sphere(level: int = 5) -> Mesh:
     return Mesh(radius * d, sphere.triangles, normals)
 
 
+def torus(around: int, across: int, radius: float = 0.7, tube: float = 0.3) -> Mesh:
+    """About the z axis, with exact normals."""
+    u, v = (
+        angle.ravel()[:, None]
+        for angle in np.meshgrid(
+            np.arange(around) * 2 * np.pi / around,
+            np.arange(across) * 2 * np.pi / across,
+            indexing="ij",
+        )
+    )
+    ring = np.concatenate([np.cos(u), np.sin(u), 0 * u], axis=1)
+    normals = np.cos(v) * ring + np.sin(v) * np.array([0.0, 0.0, 1.0])
+    index = np.arange(around * across).reshape(around, across)
+    a, b = index.ravel(), np.roll(index, -1, axis=0).ravel()
+    c, d = np.roll(index, (-1, -1), axis=(0, 1)).ravel(), np.roll(index, -1, axis=1).ravel()
+    triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return Mesh(radius * ring + tube * normals, triangles.astype(np.uint32), normals)
+
+
 def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
     """Axis-aligned box with flat faces, 12 triangles."""
     lo, hi = np.array(low), np.array(high)

@@ -19,9 +19,14 @@
 typedef struct LineEnd {
     bool is_there; /* false: it leaves through a hole of the mesh */
     Hit exit;
-    float reach; /* m, to the next surface */
-    float limit; /* m, to where the light ends for the gather */
+    float reach;  /* m, to the next surface */
+    float limit;  /* m, to where the light ends for the gather */
+    bool is_free; /* it leaves and does not come back: any limit beyond reach will do */
 } LineEnd;
+
+/* Limits of a piece's corners: those that are free follow the others, for what lies between a gap
+ * and none would else be lit beyond the gap nearly everywhere. */
+void tube_limits(const LineEnd *const ends[3], float out[3]);
 
 /* A point of a triangle and the light there. */
 typedef struct Corner {

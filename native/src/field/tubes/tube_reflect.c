@@ -143,12 +143,13 @@ static void tally_stretch(const Face *face, const Stretch *stretch, float watts)
 static AmbStatus emit(const Face *face, const Stretch corners[3], const float values[3]) {
     const Cutter *cutter = face->cutter;
     CutTube cut = {.material = TUBE_REFLECTED, .color = rgb_mul(face->color, corners[0].tint)};
+    tube_limits((const LineEnd *[3]){&corners[0].end, &corners[1].end, &corners[2].end},
+                cut.tube.limit);
     for (int k = 0; k < 3; ++k) {
         cut.tube.x[k] = vec3_sub(corners[k].x, cutter->scene->objects[cutter->object].center);
         cut.tube.w[k] = corners[k].w;
         cut.tube.value[k] = values[k];
         cut.tube.start[k] = corners[k].start;
-        cut.tube.limit[k] = corners[k].end.limit;
         cut.tube.far = fmaxf(cut.tube.far, corners[k].end.reach);
     }
     /* Between the corners the light may go farther before it leaves. */

@@ -42,6 +42,8 @@ static const float EDGE_SHARE = 0x1p-24f;
 static const float SHARE_TINY = 1e-20f; /* that of no light at all */
 /* A tube's blur is larger than at its corners by no more than this. */
 static const float BLUR_SLACK = 1.2f;
+/* Free limits are this much beyond the surface, for what curves between corners. */
+static const float FREE_ROOM = 1.1f;
 /* Ends whose distances differ by more than this factor are on different surfaces. */
 static const float LIMIT_RATIO_MAX = 1.2f;
 /* In radii of the object: farther than anything in it. */
@@ -84,7 +86,7 @@ static float scale_of(Rgb value, Rgb unit) {
  * the gap parts what is lit from what is not with room for interpolation between corners, and
  * where it does not, nothing needs to be parted. Only a surface with medium behind it (an opaque
  * thing inside) is a sharp end. */
-static float light_limit(const Face *face, Vec3 p, Vec3 w, const Hit *exit) {
+static float light_limit(const Face *face, Vec3 p, Vec3 w, const Hit *exit, bool *out_is_free) {
     const AmbScene *scene = face->cutter->scene;
     const uint32_t object = face->cutter->object;
     const SurfacePoint surface = scene_surface(scene, exit);
@@ -100,16 +102,26 @@ static float light_limit(const Face *face, Vec3 p, Vec3 w, const Hit *exit) {
             return 0.5f * (exit->t + vec3_dot(vec3_sub(beyond.p, p), w));
         o = scene_leave(&beyond, w);
     }
+    *out_is_free = true;
     return LIMIT_MAX * scene->objects[object].radius;
 }
 
+void tube_limits(const LineEnd *const ends[3], float out[3]) {
+    float least = INFINITY;
+    for (int k = 0; k < 3; ++k)
+        least = ends[k]->is_free ? least : fminf(least, ends[k]->limit);
+    for (int k = 0; k < 3; ++k)
+        out[k] = ends[k]->is_free && least < INFINITY ? fmaxf(least, FREE_ROOM * ends[k]->reach)
+                                                      : ends[k]->limit;
+}
+
 LineEnd tube_line_end(const Face *face, Vec3 from, Vec3 w) {
-    LineEnd end = {.is_there = false};
+    LineEnd end = {.is_there = false, .is_free = false};
     const AmbScene *scene = face->cutter->scene;
     if (scene_intersect(scene, from, w, INFINITY, &end.exit)) {
         end.is_there = true;
         end.reach = end.exit.t;
-        end.limit = light_limit(face, from, w, &end.exit);
+        end.limit = light_limit(face, from, w, &end.exit, &end.is_free);
     } else {
         end.reach = scene_end(scene, from);
         end.limit = fmaxf(end.reach, LIMIT_MAX * scene->objects[face->cutter->object].radius);
@@ -294,10 +306,10 @@ static bool is_near_lamp(const Face *face, const Corner corners[3]) {
 static bool is_cut(const Corner corners[3]) {
     if (corners[0].is_lit != corners[1].is_lit || corners[1].is_lit != corners[2].is_lit)
         return true;
-    const float low =
-        fminf(fminf(corners[0].end.limit, corners[1].end.limit), corners[2].end.limit);
-    const float high =
-        fmaxf(fmaxf(corners[0].end.limit, corners[1].end.limit), corners[2].end.limit);
+    float limits[3];
+    tube_limits((const LineEnd *[3]){&corners[0].end, &corners[1].end, &corners[2].end}, limits);
+    const float low = fminf(fminf(limits[0], limits[1]), limits[2]);
+    const float high = fmaxf(fmaxf(limits[0], limits[1]), limits[2]);
     return corners[0].is_lit && high > LIMIT_RATIO_MAX * low;
 }
 
@@ -315,12 +327,13 @@ static AmbStatus emit_tube(const Face *face, const Corner corners[3], float area
     Tube *tube = &cut_tube.tube;
     LightTally *tally = &face->chunk->tally.tally;
     bool is_bright = false;
+    tube_limits((const LineEnd *[3]){&corners[0].end, &corners[1].end, &corners[2].end},
+                tube->limit);
     for (int k = 0; k < 3; ++k) {
         const Corner *corner = &corners[k];
         const float lit = corner->is_lit ? area : 0.0f, flux = lit * corner->flux;
         tube->x[k] = vec3_sub(corner->x, object->center);
         tube->w[k] = corner->w;
-        tube->limit[k] = corner->end.limit;
         tube->far = fmaxf(tube->far, corner->end.reach);
         tube->blur = fmaxf(tube->blur, BLUR_SLACK * corner->blur);
         tube->value[k] = !corner->is_lit                   ? 0.0f
