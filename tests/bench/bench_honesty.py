@@ -35,7 +35,7 @@ CAUSTIC_TARGETS = (0.12, 0.08, 0.05)
 REFERENCE_SAMPLES = 2048
 
 
-def reference(name: str, build: BuildScene, size: int, **settings: Any) -> NDArray[np.float64]:
+def reference(name: str, build: BuildScene, size: int, /, **settings: Any) -> NDArray[np.float64]:
     file = ROOT / "build/bench" / f"honesty_{name.replace(', ', '_').replace(' ', '_')}_{size}.npy"
     if not file.is_file():
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -35,6 +35,8 @@ RESIN = Medium(1.5, (0.1, 0.2, 0.4), (0.02, 0.05, 0.1))
 HAZE = Medium(1.3, (0.3, 0.25, 0.2), (0.01, 0.02, 0.04), 0.7)
 WAX = Medium(1.5, (4.5, 3.0, 2.0), (0.2, 0.3, 0.5))
 
+GLOW = Medium(1.0, (3.0, 2.5, 2.0), (0.1, 0.1, 0.2))
+
 Light = Callable[[handles.Scene], None]
 
 
@@ -117,6 +119,11 @@ def window(scene: handles.Scene) -> None:
     )
 
 
+def beam(scene: handles.Scene) -> None:
+    """On the body alone."""
+    add_spot(scene, (0.5, 0.3, 6.0), (-0.5, -0.3, -4.4), (60.0, 50.0, 40.0), 0.2)
+
+
 CAUSTICS: dict[str, Any] = {
     "effects": _ffi.AMB_EFFECT_CAUSTICS
     | _ffi.AMB_EFFECT_BACKGROUND
@@ -136,6 +143,8 @@ def caustic_scenes() -> dict[str, BuildScene]:
         "floor, window": over_floor(bumpy, glass, window, False),
         "ball on floor, bulb": over_floor(icosphere(4), glass, bulb, True),
         "resin on floor, bulb": over_floor(bumpy, RESIN, bulb, True),
+        # Nothing is bent, and next to nothing goes straight through: what lands has scattered.
+        "glow on floor, beam": over_floor(icosphere(4), GLOW, beam, False),
     }
 
 
