@@ -61,6 +61,8 @@ typedef void FuzzTarget(const uint8_t *data, size_t size);
 
 /* A sequence of calls of the public interface, valid or not, and a small picture. */
 FuzzTarget fuzz_scene;
+FuzzTarget
+    fuzz_small; /* the same with fewer samples and pixels, for fuzzers that learn by the run */
 void fuzz_scene_report(void); /* what it has come to so far */
 unsigned long long fuzz_scene_pictures(void);
 /* Operators of optics/, each with what must be true of its result. */

@@ -27,11 +27,15 @@ typedef struct Seed {
 static const struct {
     const char *name;
     FuzzTarget *run;
-} TARGETS[] = {{"scene", fuzz_scene},      {"dielectric", fuzz_dielectric},
-               {"tangent", fuzz_tangent},  {"covariance", fuzz_covariance},
-               {"kernel", fuzz_kernel},    {"phase", fuzz_phase},
-               {"boundary", fuzz_boundary}};
+} TARGETS[] = {{"scene", fuzz_scene},           {"small", fuzz_small},
+               {"dielectric", fuzz_dielectric}, {"tangent", fuzz_tangent},
+               {"covariance", fuzz_covariance}, {"kernel", fuzz_kernel},
+               {"phase", fuzz_phase},           {"boundary", fuzz_boundary}};
 enum { TARGET_COUNT = sizeof TARGETS / sizeof TARGETS[0] };
+
+static bool is_story(FuzzTarget *run) {
+    return run == fuzz_scene || run == fuzz_small;
+}
 
 static const char *running = "";
 static unsigned long long run_seed, run_number;
@@ -58,10 +62,10 @@ static bool read_seed(const char *path, Seed *out) {
 
 /* A scene from a file comes to what its name says: a seed that ends before it reaches what it is
  * there for would test nothing. */
-static void run_seed_scene(const Seed *seed) {
+static void run_seed_scene(FuzzTarget *run, const Seed *seed) {
     const char *slash = strrchr(seed->path, '/'), *name = slash != NULL ? slash + 1 : seed->path;
     const unsigned long long before = fuzz_scene_pictures();
-    fuzz_scene(seed->data, seed->size);
+    run(seed->data, seed->size);
     const bool is_picture = fuzz_scene_pictures() > before;
     FUZZ_HOLDS(is_picture || strncmp(name, "picture_", 8) != 0, "%s gives no picture", seed->path);
     FUZZ_HOLDS(!is_picture || strncmp(name, "refused_", 8) != 0, "%s is not refused", seed->path);
@@ -87,8 +91,8 @@ static void run_target(size_t target, unsigned long long runs, bool only, const 
                        size_t seed_count) {
     running = TARGETS[target].name;
     for (size_t i = 0; i < seed_count && !only; ++i)
-        if (TARGETS[target].run == fuzz_scene)
-            run_seed_scene(&seeds[i]);
+        if (is_story(TARGETS[target].run))
+            run_seed_scene(TARGETS[target].run, &seeds[i]);
         else
             TARGETS[target].run(seeds[i].data, seeds[i].size);
     static uint8_t input[FILE_SIZE_MAX];
@@ -108,7 +112,7 @@ static void run_target(size_t target, unsigned long long runs, bool only, const 
                    clock_process_cpu() - process);
     }
     printf("%s: %llu runs and %zu files, seed %llu\n", running, runs, seed_count, run_seed);
-    if (TARGETS[target].run == fuzz_scene)
+    if (is_story(TARGETS[target].run))
         fuzz_scene_report();
 }
 
@@ -128,7 +132,7 @@ int main(int argc, char **argv) {
     bool is_found = false;
     for (size_t i = 0; i < TARGET_COUNT; ++i)
         if (strcmp(argv[1], TARGETS[i].name) == 0 ||
-            (strcmp(argv[1], "all") == 0 && TARGETS[i].run != fuzz_scene)) {
+            (strcmp(argv[1], "all") == 0 && !is_story(TARGETS[i].run))) {
             is_found = true;
             run_target(i, runs, only, seeds, seed_count);
         }

@@ -15,6 +15,7 @@ typedef struct Story {
     Bytes bytes;
     AmbScene *scene;
     bool is_moderate; /* nothing taken so far could overflow a float by itself */
+    bool is_small;    /* pictures of a millisecond */
     bool has_camera;
     uint32_t materials, meshes;
 } Story;
@@ -252,6 +253,12 @@ static AmbRenderParams any_params(Story *story) {
     /* Tubes are cut until they meet it: what bounds the time of a story, mostly. One in eight may
      * have many. */
     params.memory_limit = (params.seed % 8 == 7 ? 24u : 8u) << 20;
+    if (story->is_small) {
+        params.light_samples = 1 + params.light_samples / 16;
+        params.memory_limit = 3u << 20;
+        params.width = 1 + params.width / 3;
+        params.height = 1 + params.height / 3;
+    }
     if (bytes_below(bytes, 8) == 0) {
         params.crop_x = bytes_below(bytes, SIDE_MAX);
         params.crop_y = bytes_below(bytes, SIDE_MAX);
@@ -327,9 +334,9 @@ unsigned long long fuzz_scene_pictures(void) {
     return pictures;
 }
 
-void fuzz_scene(const uint8_t *data, size_t size) {
+static void tell(const uint8_t *data, size_t size, bool is_small) {
     ++stories;
-    Story story = {.bytes = {data, size, 0}, .is_moderate = true};
+    Story story = {.bytes = {data, size, 0}, .is_moderate = true, .is_small = is_small};
     if (checked(amb_scene_create(&story.scene)) != AMB_OK)
         return;
     /* Something to see first, so that few stories are about nothing. */
@@ -348,4 +355,12 @@ void fuzz_scene(const uint8_t *data, size_t size) {
     if (checked(amb_scene_commit(story.scene)) == AMB_OK)
         render(&story);
     amb_scene_destroy(story.scene);
+}
+
+void fuzz_scene(const uint8_t *data, size_t size) {
+    tell(data, size, false);
+}
+
+void fuzz_small(const uint8_t *data, size_t size) {
+    tell(data, size, true);
 }
