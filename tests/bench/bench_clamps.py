@@ -119,7 +119,7 @@ CLAMPS = (
           "COS_AXIS_MIN = 1e-12", "COS_AXIS_MIN = 1e-9", ("lens",),
           "clipping planes of rays along the lens"),
     Clamp("walks far from their object", "camera/scatter_walk.c",
-          "LOST_RADII = 16.0f", "LOST_RADII = 64.0f", ("walk",), "holes of meshes"),
+          "LOST_RADII = 1.01f", "LOST_RADII = 16.0f", ("walk",), "holes of meshes"),
 )  # fmt: skip
 
 

@@ -174,6 +174,52 @@ static void open_and_non_manifold_meshes(void) {
     demo_free(&demo);
 }
 
+/* The warnings say of which object, whoever finds the hole. */
+static void holes_are_named(void) {
+    for (uint32_t estimator = AMB_ESTIMATOR_POINTS_FIXED; estimator <= AMB_ESTIMATOR_SPECULAR;
+         ++estimator) {
+        Demo demo = small_demo();
+        demo.shape.triangle_count -= demo.shape.triangle_count / 4;
+        demo.has_ground = false;
+        demo.light.position[0] = -2.0f; /* on the other side of the hole */
+        demo.light.position[1] = 2.0f;
+        demo.light.position[2] = 0.0f;
+        demo.params.camera_bounces = 3;
+        demo.params.light_samples = 1000;
+        demo.params.estimator = estimator;
+        Picture picture = checked(&demo, "a sphere with a hole");
+        ENSURE(strstr(picture.report, "hero: light rays left it through a hole") != NULL);
+        ENSURE(strstr(picture.report, "hero: camera rays left it through a hole") != NULL);
+        picture_free(&picture);
+        demo_free(&demo);
+    }
+}
+
+/* Cubes of scales and their reciprocals are no floats; where the vertices come to lie counts. */
+static void scales_whose_cubes_overflow(void) {
+    static const float scales[] = {1.0f, 1e20f, 1e-20f, 1e13f};
+    double first = 0.0;
+    for (size_t i = 0; i < sizeof scales / sizeof scales[0]; ++i) {
+        Demo demo = small_demo();
+        demo.params.light_samples = 1000;
+        AmbScene *scene = demo_scene(&demo);
+        for (uint64_t k = 0; k < 3 * demo.shape.vertex_count; ++k)
+            demo.shape.positions[k] /= scales[i];
+        const AmbMesh mesh = shape_mesh(&demo.shape, "beside", true);
+        shape_add(scene, &mesh, 0, scales[i], 1.5f, 1.0f, 0.0f);
+        Picture picture;
+        ENSURE_STATUS(amb_scene_commit(scene), AMB_OK);
+        ENSURE_STATUS(picture_render(scene, &demo.params, &picture), AMB_OK);
+        picture_check(&picture, "an object of a large scale");
+        const double mean = picture_mean(&picture, PASS_COMBINED);
+        first = i == 0 ? mean : first;
+        ENSURE_NEAR(mean / first, 1.0, 1e-3);
+        picture_free(&picture);
+        amb_scene_destroy(scene);
+        demo_free(&demo);
+    }
+}
+
 /* What leaves through the hole is in a medium without end, which absorbs nothing: photons did not
  * end, walks after a million events. */
 static void later_orders_in_an_open_mesh(void) {
@@ -636,6 +682,8 @@ void test_bad_input(void) {
     RUN(degenerate_triangles);
     RUN(duplicate_triangles);
     RUN(open_and_non_manifold_meshes);
+    RUN(holes_are_named);
+    RUN(scales_whose_cubes_overflow);
     RUN(later_orders_in_an_open_mesh);
     RUN(free_paths_below_resolution);
     RUN(normals_that_are_none);

@@ -411,7 +411,7 @@ static void coarse_meshes_agree_with_fine_tubes(void) {
         Field *exact = make_field(&body, AMB_ESTIMATOR_SPECULAR, i % 4 < 2);
         Field *tubes = make_field(&body, AMB_ESTIMATOR_TUBES, i % 4 < 2);
         LightTally exact_tally = {.incident = {0}}, tubes_tally = {.incident = {0}};
-        uint64_t leaks = 0;
+        SceneLeaks leaks = {0, 0};
         field_tally(exact, &exact_tally, &leaks);
         field_tally(tubes, &tubes_tally, &leaks);
         ENSURE_NEAR(exact_tally.entered[1] / tubes_tally.entered[1], 1.0, 0.02);

@@ -212,8 +212,7 @@ void amb_object_init(AmbObject *object) {
 static AmbStatus check_object(const AmbScene *scene, const AmbObject *object) {
     const char *name = name_or_empty(object->name);
     AMB_TRY(check_range(object->to_world, 16, -FLT_MAX, FLT_MAX, "to_world", name));
-    const float determinant = mat4_determinant(object->to_world);
-    if (!isfinite(determinant) || determinant == 0.0f)
+    if (mat4_determinant(object->to_world) == 0.0)
         return status_fail(AMB_INVALID_ARGUMENT, "the transform of \"%.100s\" is not invertible",
                            name);
     if (object->mesh >= scene->mesh_count)
@@ -422,8 +421,7 @@ static AmbStatus check_camera(const AmbCamera *camera) {
     if (camera->kind > AMB_CAMERA_ORTHOGRAPHIC)
         return status_fail(AMB_INVALID_ARGUMENT, "camera kind %u is unknown", camera->kind);
     AMB_TRY(check_range(camera->to_world, 16, -FLT_MAX, FLT_MAX, "to_world", name));
-    const float determinant = mat4_determinant(camera->to_world);
-    if (!isfinite(determinant) || determinant == 0.0f)
+    if (mat4_determinant(camera->to_world) == 0.0)
         return status_fail(AMB_INVALID_ARGUMENT, "the camera's transform is not invertible");
     AMB_TRY(check_range(camera->window, 4, -WINDOW_MAX, WINDOW_MAX, "window", name));
     if (!(camera->window[0] < camera->window[1]) || !(camera->window[2] < camera->window[3]))

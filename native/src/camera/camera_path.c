@@ -246,7 +246,7 @@ static void follow_arrival(Walker *walker, Branch branch) {
     if (is_inside) {
         const float length = is_hit ? arrival.t : fminf(branch.t_max, scene_end(scene, branch.o));
         if (!is_hit && !isfinite(branch.t_max))
-            ++walker->out->leak_count;
+            scene_leaks_add(&walker->out->leaks, 1, medium_stack_top(&branch.stack));
         pass_medium(walker, &branch, length);
     }
     CameraSample *out = walker->out;

@@ -55,11 +55,11 @@ typedef struct CameraSample {
     Rgb lamps;                      /* images of lamps, in none of the above */
     float parts[CAMERA_PART_COUNT]; /* of all this, mean of channels; they overlap */
     float alpha;
-    float depth;         /* along the view axis, m; CAMERA_DEPTH_NONE where nothing is seen */
-    float frequency;     /* sum of contribution * frequency factor, where that is wanted */
-    float contribution;  /* sum of contributions (mean of channels), likewise */
-    uint32_t leak_count; /* segments that left an object through a hole of its mesh */
-    bool is_object;      /* the primary ray hits a translucent object */
+    float depth;        /* along the view axis, m; CAMERA_DEPTH_NONE where nothing is seen */
+    float frequency;    /* sum of contribution * frequency factor, where that is wanted */
+    float contribution; /* sum of contributions (mean of channels), likewise */
+    SceneLeaks leaks;
+    bool is_object; /* the primary ray hits a translucent object */
 } CameraSample;
 
 /* All radiance but images of lamps: orders and surface. */

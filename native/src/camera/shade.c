@@ -158,7 +158,7 @@ static LightSum follow_light(Walker *walker, LightPath path, Rgb glow) {
         const bool is_hit = boundary_find(scene, &path.stack, path.o, path.d, INFINITY, &arrival);
         if (path.stack.count > 0) {
             if (!is_hit)
-                ++walker->out->leak_count;
+                scene_leaks_add(&walker->out->leaks, 1, medium_stack_top(&path.stack));
             pass_medium(walker, &path, is_hit ? arrival.t : scene_end(scene, path.o),
                         rgb_scale(glow, path.share));
         }

@@ -248,7 +248,7 @@ FieldSize field_size(const Field *field) {
     return size;
 }
 
-void field_tally(const Field *field, LightTally *tally, uint64_t *leak_count) {
+void field_tally(const Field *field, LightTally *tally, SceneLeaks *leaks) {
     const LightTally *own = field->tubes != NULL      ? &field->tube_count.tally
                             : field->specular != NULL ? &field->specular_count.tally
                                                       : NULL;
@@ -259,6 +259,7 @@ void field_tally(const Field *field, LightTally *tally, uint64_t *leak_count) {
         tally->entered[k] = own->entered[k];
         tally->interacting[k] += own->interacting[k];
     }
-    *leak_count +=
-        field->tubes != NULL ? field->tube_count.leak_count : field->specular_count.leak_count;
+    const SceneLeaks *more =
+        field->tubes != NULL ? &field->tube_count.leaks : &field->specular_count.leaks;
+    scene_leaks_add(leaks, more->count, more->object);
 }

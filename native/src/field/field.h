@@ -113,6 +113,6 @@ FieldSize field_size(const Field *field);
 /* Adds the flux that tubes or lit triangles take up, and light lines that left through holes, to
  * what the light pass says of points; what arrives and enters replaces the light pass's, which
  * traced the same. */
-void field_tally(const Field *field, LightTally *tally, uint64_t *leak_count);
+void field_tally(const Field *field, LightTally *tally, SceneLeaks *leaks);
 
 #endif

@@ -35,7 +35,8 @@ typedef struct Chunk {
     uint64_t count, room;
     LightLanding *landings;
     uint64_t landing_count, landing_room;
-    uint64_t leak_count, irregular_count, nested_count;
+    SceneLeaks leaks;
+    uint64_t irregular_count, nested_count;
     LightTally tally;
 } Chunk;
 
@@ -315,7 +316,7 @@ static AmbStatus trace_ray(const Tracer *tracer, const LightBatch *batch, uint64
         chunk->nested_count += next_surface.nested_count;
         if (!is_hit) {
             if (!is_outside) {
-                ++chunk->leak_count;
+                scene_leaks_add(&chunk->leaks, 1, medium_stack_top(&branch.stack));
                 AMB_TRY(emit_beam(chunk, tracer, &branch, scene_end(scene, branch.o), 0.0f));
             }
             continue;
@@ -439,7 +440,7 @@ static AmbStatus gather_chunks(const Tracer *tracer, uint64_t chunk_count, Light
             LightBeams *beams = &field->objects[chunk->owners[i]];
             beams->beams[beams->count++] = chunk->beams[i];
         }
-        field->leak_count += chunk->leak_count;
+        scene_leaks_add(&field->leaks, chunk->leaks.count, chunk->leaks.object);
         field->irregular_count += chunk->irregular_count;
         field->nested_count += chunk->nested_count;
         for (int k = 0; k < 3; ++k) {

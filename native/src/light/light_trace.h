@@ -55,8 +55,8 @@ typedef struct LightField {
     LightLanding *landings; /* empty where beams are */
     uint64_t landing_count;
     uint32_t object_count;
-    uint64_t ray_count;       /* rays emitted */
-    uint64_t leak_count;      /* rays that left an object through a hole of its mesh */
+    uint64_t ray_count; /* rays emitted */
+    SceneLeaks leaks;
     uint64_t irregular_count; /* faces met from outside by rays already inside of their object, or
                                * from inside by rays that never came in: meshes that cross
                                * themselves or are open */

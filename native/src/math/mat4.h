@@ -17,17 +17,26 @@ static inline Vec3 mat4_column(const float m[16], int column) {
     return vec3(m[column], m[4 + column], m[8 + column]);
 }
 
-/* Normal by the cofactors of the linear part: the inverse transpose up to a factor, defined for
- * any invertible m, and pointing outward again when m mirrors. Not normalised. */
-static inline Vec3 mat4_normal(const float m[16], Vec3 n) {
-    const Vec3 x = mat4_column(m, 0), y = mat4_column(m, 1), z = mat4_column(m, 2);
-    const Vec3 yz = vec3_cross(y, z), zx = vec3_cross(z, x), xy = vec3_cross(x, y);
-    const float sign = copysignf(1.0f, vec3_dot(x, yz));
-    return vec3_scale(vec3_madd(vec3_madd(vec3_scale(yz, n.x), n.y, zx), n.z, xy), sign);
+/* In doubles, as below: products of scales of 1e20 or 1e-20 are numbers. */
+static inline Vec3d mat4_column_d(const float m[16], int column) {
+    return vec3d_from(mat4_column(m, column));
 }
 
-static inline float mat4_determinant(const float m[16]) {
-    return vec3_dot(mat4_column(m, 0), vec3_cross(mat4_column(m, 1), mat4_column(m, 2)));
+static inline double mat4_determinant(const float m[16]) {
+    return vec3d_dot(mat4_column_d(m, 0), vec3d_cross(mat4_column_d(m, 1), mat4_column_d(m, 2)));
+}
+
+/* Unit normal by the cofactors of the linear part: the inverse transpose up to a factor, defined
+ * for any invertible m, and pointing outward again when m mirrors. Zero where n is no direction. */
+static inline Vec3 mat4_normal(const float m[16], Vec3 n) {
+    const Vec3d x = mat4_column_d(m, 0), y = mat4_column_d(m, 1), z = mat4_column_d(m, 2);
+    const Vec3d yz = vec3d_cross(y, z), zx = vec3d_cross(z, x), xy = vec3d_cross(x, y);
+    const Vec3d sum =
+        vec3d_madd(vec3d_madd(vec3d_scale(yz, (double)n.x), (double)n.y, zx), (double)n.z, xy);
+    const double length = vec3d_length(sum);
+    if (!isfinite(length) || length == 0.0)
+        return vec3(0, 0, 0);
+    return vec3d_round(vec3d_scale(sum, copysign(1.0, vec3d_dot(x, yz)) / length));
 }
 
 #endif

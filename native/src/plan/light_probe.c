@@ -108,7 +108,7 @@ AmbStatus light_probe_create(const AmbScene *scene, const LightProbeParams *para
     AMB_TRY(light_trace(scene, &trace, job, &light));
     const uint64_t limit = params->ray_count / PROBE_PROBLEM_SHARE;
     out_probe->problems =
-        (MeshProblems){.is_irregular = light.leak_count + light.irregular_count > limit,
+        (MeshProblems){.is_irregular = light.leaks.count + light.irregular_count > limit,
                        .is_nested = light.nested_count > limit,
                        .is_strewn = is_strewn(&light)};
     add_flux(scene, &light, out_probe);

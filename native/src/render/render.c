@@ -58,6 +58,15 @@ static bool is_first_half(const AmbRender *render, uint32_t sample) {
     return render->accuracy.target > 0.0f ? sample % 2 == 0 : sample < render->params.samples / 2;
 }
 
+/* As scene_leaks_add: the same for any order of threads. */
+static void add_leaks(AmbRender *render, const SceneLeaks *leaks) {
+    atomic_fetch_add(&render->camera_leak_count, leaks->count);
+    uint_least32_t first = atomic_load(&render->camera_leak_object);
+    while (leaks->object < first &&
+           !atomic_compare_exchange_weak(&render->camera_leak_object, &first, leaks->object))
+        continue;
+}
+
 static void add_sample(AmbRender *render, const CameraSample *sample, uint32_t index, bool is_first,
                        FilmPixel *sum) {
     for (int k = 0; k < CAMERA_ORDER_COUNT; ++k)
@@ -76,8 +85,8 @@ static void add_sample(AmbRender *render, const CameraSample *sample, uint32_t i
     }
     if (is_first)
         sum->depth = sample->depth;
-    if (sample->leak_count > 0)
-        atomic_fetch_add(&render->camera_leak_count, sample->leak_count);
+    if (sample->leaks.count > 0)
+        add_leaks(render, &sample->leaks);
 }
 
 static uint32_t samples_to_add(const Round *round, uint32_t x, uint32_t y) {
@@ -293,7 +302,7 @@ static AmbStatus run_light(AmbRender *render, LightField *out_light) {
     render->light_costs[LIGHT_COST_FIELD] += charge_stage(render, STAGE_LIGHT, begin);
     if (status == AMB_OK) {
         render->account = (FieldAccount){.ray_count = out_light->ray_count,
-                                         .light_leak_count = out_light->leak_count,
+                                         .leaks = out_light->leaks,
                                          .tally = out_light->tally,
                                          .light_bytes = light_bytes(out_light)};
     }
@@ -309,7 +318,7 @@ static AmbStatus run_field(AmbRender *render, const LightField *light, Field **o
     if (status == AMB_OK) {
         FieldAccount *account = &render->account;
         account->size = field_size(*out_field);
-        field_tally(*out_field, &account->tally, &account->light_leak_count);
+        field_tally(*out_field, &account->tally, &account->leaks);
     }
     return status;
 }
@@ -571,6 +580,7 @@ AmbStatus render_start(AmbScene *scene, const AmbRenderParams *params, AmbRender
     }
     job_init(&render->job, params->threads);
     atomic_init(&render->camera_leak_count, 0);
+    atomic_init(&render->camera_leak_object, UINT32_MAX);
     render->start = clock_wall();
     const uint64_t machine = memory_of_machine();
     render->memory.bytes = params->memory_limit > 0 ? params->memory_limit : machine / 2;

@@ -22,7 +22,8 @@ enum { LIGHT_COST_FIELD, LIGHT_COST_SCATTER, LIGHT_COST_CAUSTICS, LIGHT_COST_COU
 
 /* What the newest light field is made of. */
 typedef struct FieldAccount {
-    uint64_t ray_count, light_leak_count;
+    uint64_t ray_count;
+    SceneLeaks leaks; /* of the light */
     uint64_t light_bytes;
     FieldSize size;
     LightTally tally;
@@ -68,6 +69,7 @@ struct AmbRender {
     uint64_t caustic_rays_planned; /* under a target, before it is known how many are enough */
     ScatterAccount scatter;
     atomic_uint_least64_t camera_leak_count;
+    atomic_uint_least32_t camera_leak_object; /* the first of theirs */
     uint64_t scene_bytes, peak_rss_bytes;
     uint64_t *nonfinite_objects; /* sums over the light field that were no numbers, or NULL */
     bool has_plan;

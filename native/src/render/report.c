@@ -353,6 +353,13 @@ static void warn(Warnings *warnings, const char *name, const char *what, uint64_
     warnings->has_one = true;
 }
 
+/* Of several objects with holes the first is named: once it is closed, the next. */
+static void warn_of_holes(Warnings *warnings, const AmbRender *render, const SceneLeaks *leaks,
+                          const char *what) {
+    if (leaks->count > 0)
+        warn(warnings, render->scene->objects[leaks->object].name, what, leaks->count);
+}
+
 static void add_warnings(Text *text, const AmbRender *render, uint64_t nonfinite) {
     Warnings warnings = {text, false};
     add(text, "  \"warnings\": [");
@@ -364,14 +371,12 @@ static void add_warnings(Text *text, const AmbRender *render, uint64_t nonfinite
              "its faces have different media; the one of most faces fills all of it",
              object->has_two_media);
     }
-    warn(&warnings, NULL,
-         "light rays left a translucent object through a hole in its mesh: close it for a right "
-         "picture",
-         render->account.light_leak_count);
-    warn(&warnings, NULL,
-         "camera rays left a translucent object through a hole in its mesh: close it for a right "
-         "picture",
-         atomic_load(&render->camera_leak_count));
+    warn_of_holes(&warnings, render, &render->account.leaks,
+                  "light rays left it through a hole in its mesh: close it for a right picture");
+    const SceneLeaks seen = {atomic_load(&render->camera_leak_count),
+                             atomic_load(&render->camera_leak_object)};
+    warn_of_holes(&warnings, render, &seen,
+                  "camera rays left it through a hole in its mesh: close it for a right picture");
     warn(&warnings, NULL,
          "memory_limit is reached: the light is traced and kept more coarsely than asked for",
          render->is_reduced);

@@ -151,12 +151,8 @@ static AmbStatus place_normals(const SceneMesh *mesh, SceneObject *object) {
     object->normals = memory_alloc_array(count, sizeof(Vec3));
     if (object->normals == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for the normals of \"%s\"", object->name);
-    for (uint64_t i = 0; i < count; ++i) {
-        const Vec3 n = mat4_normal(object->to_world, mesh->normals[i]);
-        const float length = vec3_length(n);
-        const bool is_direction = isfinite(length) && length > 0.0f;
-        object->normals[i] = is_direction ? vec3_scale(n, 1.0f / length) : vec3(0, 0, 0);
-    }
+    for (uint64_t i = 0; i < count; ++i)
+        object->normals[i] = mat4_normal(object->to_world, mesh->normals[i]);
     return AMB_OK;
 }
 
@@ -192,7 +188,7 @@ static AmbStatus place_object(AmbScene *scene, SceneObject *object, Vec3d origin
 
     /* Shading normals follow the geometric side in scene_surface. */
     object->is_flipped = is_wound_inward(mesh, object);
-    object->is_inside_out = object->is_flipped != (mat4_determinant(object->to_world) < 0.0f);
+    object->is_inside_out = object->is_flipped != (mat4_determinant(object->to_world) < 0.0);
     return choose_medium(scene, object);
 }
 

@@ -128,6 +128,19 @@ Vec3 scene_position(const AmbScene *scene, const Hit *hit);
 /* Derivative of the shading normal at a hit for a displacement dp in the triangle's plane. */
 Vec3 scene_normal_derivative(const AmbScene *scene, const Hit *hit, Vec3 dp);
 
+/* Lines that left an object through a hole of its mesh, and the first object in the scene's order
+ * that lost one: the same whatever the order of additions. */
+typedef struct SceneLeaks {
+    uint64_t count;
+    uint32_t object;
+} SceneLeaks;
+
+static inline void scene_leaks_add(SceneLeaks *leaks, uint64_t count, uint32_t object) {
+    if (count > 0 && (leaks->count == 0 || object < leaks->object))
+        leaks->object = object;
+    leaks->count += count;
+}
+
 /* Length of a stretch from p that meets nothing: through a hole in the mesh the medium would go on
  * for ever; it ends where the scene does. */
 static inline float scene_end(const AmbScene *scene, Vec3 p) {

@@ -193,7 +193,7 @@ static bool trace_corner(Task *task, const Six *six, int corner, float *out_reac
     if (scene_intersect(scene, scene_leave(&surface, w), w, INFINITY, &exit))
         *out_reach = exit.t;
     else if (is_lit && specular_entering(&task->face, &six->lines[corner]) > 0.0)
-        ++task->chunk->tally.leak_count;
+        scene_leaks_add(&task->chunk->tally.leaks, 1, task->cutter->object);
     return is_lit;
 }
 
@@ -298,7 +298,7 @@ static AmbStatus join_chunks(const Cutter *cutter, uint64_t chunk_count, Specula
         if (chunk->count > 0)
             memcpy(cells, chunk->cells, chunk->count * sizeof *cells);
         cells += chunk->count;
-        count->leak_count += chunk->tally.leak_count;
+        scene_leaks_add(&count->leaks, chunk->tally.leaks.count, chunk->tally.leaks.object);
         for (int k = 0; k < 3; ++k) {
             count->tally.incident[k] += chunk->tally.tally.incident[k];
             count->tally.entered[k] += chunk->tally.tally.entered[k];

@@ -20,7 +20,7 @@ typedef struct SpecularField {
 /* What building counts on the way, over all objects. */
 typedef struct SpecularCount {
     LightTally tally;
-    uint64_t leak_count; /* light lines that leave an object through a hole of its mesh */
+    SceneLeaks leaks;
 } SpecularCount;
 
 /* The lit triangles of one object; lights must be points, spots and suns of no extent, outside of

@@ -81,7 +81,7 @@ static Stretch reflect(const Face *face, const Stretch *before) {
                       .goes_here = true};
     after.end = tube_line_end(face, scene_leave(&wall, after.w), after.w);
     if (!after.end.is_there && after.flux > 0.0f)
-        ++face->chunk->tally.leak_count;
+        scene_leaks_add(&face->chunk->tally.leaks, 1, face->cutter->object);
     return after;
 }
 

@@ -142,7 +142,7 @@ static void trace_corner(const Face *face, Corner *corner) {
         !scene_is_occluded(scene, scene_leave(&surface, light.wi), light.wi, light.distance);
     corner->end = tube_line_end(face, scene_leave(&surface, corner->w), corner->w);
     if (!corner->end.is_there && corner->is_lit)
-        ++face->chunk->tally.leak_count;
+        scene_leaks_add(&face->chunk->tally.leaks, 1, face->cutter->object);
 }
 
 /* Light and its refraction at a point of a triangle. */
@@ -469,7 +469,7 @@ static AmbStatus cut_chunk(void *user, uint64_t begin, uint64_t end, uint32_t th
 static void add_tallies(const Cutter *cutter, uint64_t chunk_count, TubeCount *count) {
     for (uint64_t c = 0; c < chunk_count; ++c) {
         const TubeCount *part = &cutter->chunks[c].tally;
-        count->leak_count += part->leak_count;
+        scene_leaks_add(&count->leaks, part->leaks.count, part->leaks.object);
         for (int k = 0; k < 3; ++k) {
             count->tally.incident[k] += part->tally.incident[k];
             count->tally.entered[k] += part->tally.entered[k];

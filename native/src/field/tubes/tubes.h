@@ -35,7 +35,7 @@ typedef struct TubeField {
 /* What building tubes counts on the way, over all objects. */
 typedef struct TubeCount {
     LightTally tally;
-    uint64_t leak_count; /* light lines that leave an object through a hole of its mesh */
+    SceneLeaks leaks;
 } TubeCount;
 
 /* Tubes of all lights that enter one object, which must be outside of every object. Adds to *count.
