@@ -9,8 +9,8 @@ of the lamps, in units of the object's, errors of both are against our own conve
 the same lamps, and the means of both are compared where Cycles converges. CPU seconds are the
 whole process's during the render. Cycles gets `seconds` of CPU for each curve.
 
-A lamp of some radius is seen by Cycles through the object, by us it is not: render_blend.py takes
-those paths out of Cycles' image.
+A lamp of some radius is seen through the object, and is no single scattering: render_blend.py
+takes those paths out of Cycles' image, and ours are switched off.
 """
 
 from __future__ import annotations

@@ -105,6 +105,7 @@ def set_amberlight(scene, job):
         "use_surface_reflection": False,
         "use_background": False,
         "use_transmitted_light": False,
+        "use_lamp_images": False,
         "light_bounces": 0,
         "camera_bounces": 0,
         "adjoint_normals": True,  # as a path tracer sees interpolated normals
