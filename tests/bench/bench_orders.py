@@ -178,11 +178,12 @@ def full(size: int, target: float) -> None:
     print(f"\nratio {costs[1] / costs[0]:.1f} (bar 5)")
 
 
-def noise(size: int, scatter: int) -> None:
+def noise(size: int, scatter: int, target: float) -> None:
     """What each part of the full picture costs and leaves at sixteen samples, in units of the
     whole's mean radiance: what falls with the root of the samples, as of walks, sets the price. By
     two seeds: over all pixels of the object, over all but the worst tenth, and the part of the
-    squared noise that the worst hundredth has."""
+    squared noise that the worst hundredth has. The last column is what each picture alone would
+    cost to the target error, where all pixels have as many samples."""
     bounces = 16
     parts: list[tuple[str, int, int, int]] = [
         ("order 1, no reflections", SINGLE, 0, 0),
@@ -217,15 +218,23 @@ def noise(size: int, scatter: int) -> None:
         worst = squares[-max(len(squares) // 100, 1) :].sum() / squares.sum()
         most = float(np.sqrt(squares[: -max(len(squares) // 10, 1)].mean()))
         left, mean = float(np.sqrt(squares.mean())), float(np.mean(pair))
-        rows.append((name, left, most, worst, mean, stage_cpu(first, ["field", "camera"])))
+        cost = stage_cpu(first, ["field", "camera"])
+        camera = stage_cpu(first, ["camera"])
+        needed = cost - camera + camera * (left / mean / target) ** 2
+        rows.append((name, left, most, worst, mean, cost, needed))
     whole_mean = rows[-1][4]
-    print("| part | of the radiance | noise of 16 samples | but for a tenth | in 1 % | CPU s |")
-    print("|---|---|---|---|---|---|")
-    for name, left, most, worst, mean, cost in rows:
+    print(
+        "| part | of the radiance | noise of 16 samples | but for a tenth | in 1 % | CPU s "
+        f"| CPU s of {target:.0%} |"
+    )
+    print("|---|---|---|---|---|---|---|")
+    for name, left, most, worst, mean, cost, needed in rows:
         print(
             f"| {name} | {mean / whole_mean:.2f} | {left / whole_mean:.3f} "
-            f"| {most / whole_mean:.3f} | {worst:.0%} | {cost:.2f} |"
+            f"| {most / whole_mean:.3f} | {worst:.0%} | {cost:.2f} | {needed:.3g} |"
         )
+    ratio = rows[-1][6] / rows[0][6]
+    print(f"\nall over order 1 without reflections, each to {target:.0%}: {ratio:.3g} (bar 5)")
 
 
 def main() -> None:
@@ -243,7 +252,7 @@ def main() -> None:
     elif options.what == "speed":
         speed()
     elif options.what == "noise":
-        noise(options.size, PHOTONS if options.photons else WALK)
+        noise(options.size, PHOTONS if options.photons else WALK, options.accuracy)
     else:
         full(options.size, options.accuracy)
 
