@@ -219,8 +219,8 @@ def noise(size: int, scatter: int, target: float) -> None:
         most = float(np.sqrt(squares[: -max(len(squares) // 10, 1)].mean()))
         left, mean = float(np.sqrt(squares.mean())), float(np.mean(pair))
         cost = stage_cpu(first, ["field", "camera"])
-        camera = stage_cpu(first, ["camera"])
-        needed = cost - camera + camera * (left / mean / target) ** 2
+        seconds = stage_cpu(first, ["camera"])
+        needed = cost - seconds + seconds * (left / mean / target) ** 2
         rows.append((name, left, most, worst, mean, cost, needed))
     whole_mean = rows[-1][4]
     print(
