@@ -50,6 +50,7 @@ typedef struct CameraParams {
 } CameraParams;
 
 typedef struct CameraSample {
+    SceneLeaks leaks;
     Rgb orders[CAMERA_ORDER_COUNT]; /* scattered once, twice, more often in media, W m^-2 sr^-1 */
     Rgb surface;                    /* not scattered in a medium */
     Rgb lamps;                      /* images of lamps, in none of the above */
@@ -58,8 +59,7 @@ typedef struct CameraSample {
     float depth;        /* along the view axis, m; CAMERA_DEPTH_NONE where nothing is seen */
     float frequency;    /* sum of contribution * frequency factor, where that is wanted */
     float contribution; /* sum of contributions (mean of channels), likewise */
-    SceneLeaks leaks;
-    bool is_object; /* the primary ray hits a translucent object */
+    bool is_object;     /* the primary ray hits a translucent object */
 } CameraSample;
 
 /* All radiance but images of lamps: orders and surface. */

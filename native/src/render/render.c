@@ -60,11 +60,12 @@ static bool is_first_half(const AmbRender *render, uint32_t sample) {
 
 /* As scene_leaks_add: the same for any order of threads. */
 static void add_leaks(AmbRender *render, const SceneLeaks *leaks) {
-    atomic_fetch_add(&render->camera_leak_count, leaks->count);
     uint_least32_t first = atomic_load(&render->camera_leak_object);
     while (leaks->object < first &&
            !atomic_compare_exchange_weak(&render->camera_leak_object, &first, leaks->object))
         continue;
+    /* Last: who reads a count reads an object after it. */
+    atomic_fetch_add(&render->camera_leak_count, leaks->count);
 }
 
 static void add_sample(AmbRender *render, const CameraSample *sample, uint32_t index, bool is_first,

@@ -373,8 +373,8 @@ static void add_warnings(Text *text, const AmbRender *render, uint64_t nonfinite
     }
     warn_of_holes(&warnings, render, &render->account.leaks,
                   "light rays left it through a hole in its mesh: close it for a right picture");
-    const SceneLeaks seen = {atomic_load(&render->camera_leak_count),
-                             atomic_load(&render->camera_leak_object)};
+    SceneLeaks seen = {.count = atomic_load(&render->camera_leak_count)};
+    seen.object = atomic_load(&render->camera_leak_object);
     warn_of_holes(&warnings, render, &seen,
                   "camera rays left it through a hole in its mesh: close it for a right picture");
     warn(&warnings, NULL,
