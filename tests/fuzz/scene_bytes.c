@@ -240,6 +240,9 @@ static AmbRenderParams any_params(Story *story) {
     params.camera_bounces = bytes_below(bytes, 3);
     params.adjoint_normals = bytes_below(bytes, 2);
     params.seed = bytes_u8(bytes);
+    /* The ninth and tenth effect, without a byte of their own: seeds stay the stories that they
+     * are. */
+    params.effects ^= params.seed / 16 % 4 << 8;
     params.threads = 1;
     params.film_transparent = bytes_below(bytes, 2);
     const int32_t refinement = (int32_t)bytes_below(bytes, 16);
