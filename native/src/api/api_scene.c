@@ -10,6 +10,8 @@
 
 static const float COEFFICIENT_MAX = 1e9f; /* 1/m */
 static const float G_MAX = 0.9999f;
+/* Of lamps, m, and of windows: squares of sums of such numbers are finite. */
+static const float LENGTH_MAX = 1e18f;
 
 static const char *name_or_empty(const char *name) {
     return name != NULL ? name : "";
@@ -274,10 +276,10 @@ static AmbStatus check_light(const AmbLight *light) {
         return status_fail(AMB_INVALID_ARGUMENT, "kind %u of light \"%.100s\" is unknown",
                            light->kind, name);
     AMB_TRY(check_range(light->color, 3, 0.0f, FLT_MAX, "color", name));
-    AMB_TRY(check_range(light->position, 3, -FLT_MAX, FLT_MAX, "position", name));
+    AMB_TRY(check_range(light->position, 3, -LENGTH_MAX, LENGTH_MAX, "position", name));
     AMB_TRY(check_range(light->direction, 3, -FLT_MAX, FLT_MAX, "direction", name));
     AMB_TRY(check_range(light->tangent, 3, -FLT_MAX, FLT_MAX, "tangent", name));
-    AMB_TRY(check_range(&light->radius, 1, 0.0f, FLT_MAX, "radius", name));
+    AMB_TRY(check_range(&light->radius, 1, 0.0f, LENGTH_MAX, "radius", name));
     AMB_TRY(check_range(&light->angle, 1, 0.0f, AMB_PI, "angle", name));
     if (light->kind != AMB_LIGHT_POINT) {
         const float length = vec3_length(vec3_from(light->direction));
@@ -290,7 +292,7 @@ static AmbStatus check_light(const AmbLight *light) {
         AMB_TRY(check_range(&light->spot_cosine, 1, 0.0f, 1.0f, "spot_cosine", name));
     }
     if (light->kind == AMB_LIGHT_AREA) {
-        AMB_TRY(check_range(light->size, 2, FLT_MIN, FLT_MAX, "size", name));
+        AMB_TRY(check_range(light->size, 2, FLT_MIN, LENGTH_MAX, "size", name));
         if (light->area_shape > AMB_AREA_ELLIPSE)
             return status_fail(AMB_INVALID_ARGUMENT, "area_shape %u of \"%.100s\" is unknown",
                                light->area_shape, name);
@@ -413,9 +415,6 @@ void amb_camera_init(AmbCamera *camera, uint32_t kind) {
         camera->to_world[5 * i] = 1.0f;
 }
 
-/* Beyond, differences of two are not finite, nor are rays. */
-static const float WINDOW_MAX = 1e18f;
-
 static AmbStatus check_camera(const AmbCamera *camera) {
     static const char *const name = "camera";
     if (camera->kind > AMB_CAMERA_ORTHOGRAPHIC)
@@ -423,7 +422,7 @@ static AmbStatus check_camera(const AmbCamera *camera) {
     AMB_TRY(check_range(camera->to_world, 16, -FLT_MAX, FLT_MAX, "to_world", name));
     if (mat4_determinant(camera->to_world) == 0.0)
         return status_fail(AMB_INVALID_ARGUMENT, "the camera's transform is not invertible");
-    AMB_TRY(check_range(camera->window, 4, -WINDOW_MAX, WINDOW_MAX, "window", name));
+    AMB_TRY(check_range(camera->window, 4, -LENGTH_MAX, LENGTH_MAX, "window", name));
     if (!(camera->window[0] < camera->window[1]) || !(camera->window[2] < camera->window[3]))
         return status_fail(AMB_INVALID_ARGUMENT, "the camera's window is empty");
     AMB_TRY(check_range(&camera->clip_end, 1, -FLT_MAX, FLT_MAX, "clip_end", name));
@@ -449,9 +448,9 @@ AmbStatus amb_scene_set_camera(AmbScene *scene, const AmbCamera *camera) {
     const float *m = given.to_world;
     SceneCamera placed = {.kind = given.kind,
                           .position = vec3(m[3], m[7], m[11]),
-                          .right = vec3_normalize(mat4_column(m, 0)),
-                          .up = vec3_normalize(mat4_column(m, 1)),
-                          .forward = vec3_negate(vec3_normalize(mat4_column(m, 2))),
+                          .right = mat4_axis(m, 0),
+                          .up = mat4_axis(m, 1),
+                          .forward = vec3_negate(mat4_axis(m, 2)),
                           .clip_start = given.clip_start,
                           .clip_end = given.clip_end,
                           .lens_radius = given.lens_radius,

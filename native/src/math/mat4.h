@@ -22,6 +22,12 @@ static inline Vec3d mat4_column_d(const float m[16], int column) {
     return vec3d_from(mat4_column(m, column));
 }
 
+/* Unit, of a matrix that is invertible. */
+static inline Vec3 mat4_axis(const float m[16], int column) {
+    const Vec3d axis = mat4_column_d(m, column);
+    return vec3d_round(vec3d_scale(axis, 1.0 / vec3d_length(axis)));
+}
+
 static inline double mat4_determinant(const float m[16]) {
     return vec3d_dot(mat4_column_d(m, 0), vec3d_cross(mat4_column_d(m, 1), mat4_column_d(m, 2)));
 }

@@ -117,11 +117,16 @@ Rgb light_seen(const SceneLight *light, Vec3 o, Vec3 d, float t_max, float *out_
     const Rgb black = rgb(0, 0, 0);
     const Vec3 from_light = vec3_sub(o, light->position);
     const bool is_area = light->kind == AMB_LIGHT_AREA;
+    *out_t = INFINITY;
+    if (!is_area && !(vec3_length(from_light) > 0.0f))
+        return black;
     const Vec3 normal = is_area ? light->direction : vec3_normalize(from_light);
     const float cosine = -vec3_dot(d, normal);
+    if (!(cosine > 0.0f))
+        return black;
     const float t = vec3_dot(from_light, normal) / cosine;
     *out_t = t;
-    if (!(cosine > 0.0f) || !(t > 0.0f) || !(t <= t_max))
+    if (!(t > 0.0f) || !(t <= t_max))
         return black;
     const Vec3 at = vec3_madd(from_light, t, d);
     if (!is_area) {

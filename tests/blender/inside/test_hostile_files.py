@@ -370,7 +370,9 @@ SCALES = (
 def test_scales(ball, outcome, scale):
     ball.scale = scale
     said = outcome()
-    assert said == PICTURE or said.endswith('the transform of "Icosphere" is not invertible')
+    assert said == PICTURE or re.search(
+        'the transform of "Icosphere" is not invertible$|of "Icosphere" lies farther than', said
+    )
 
 
 @pytest.mark.parametrize("size", [(65536, 65536), (65536, 4096)], ids=str)

@@ -39,12 +39,31 @@ typedef struct Trace {
     Scatter *scatter;
 } Trace;
 
+/* Moments between two looks at whether the job is cancelled: what a millisecond or two write. */
+enum { PIECE = 1 << 20 };
+
+/* Pages of a gigabyte take a second to come. */
+static AmbStatus clear_bank(const Trace *trace, const Bank *bank) {
+    for (uint32_t o = 0; o < trace->scatter->object_count; ++o) {
+        const ScatterCells *cells = &trace->scatter->cells[o];
+        const uint64_t count = cells->cell_count * cells->float_count;
+        for (uint64_t i = 0; i < count; i += PIECE) {
+            if (job_is_cancelled(trace->job))
+                return AMB_CANCELLED;
+            const uint64_t left = count - i;
+            memset(bank->moments[o] + i, 0, (left < PIECE ? left : PIECE) * sizeof(float));
+        }
+    }
+    return AMB_OK;
+}
+
 static AmbStatus trace_bank(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
     (void)thread;
     Trace *trace = user;
     for (uint64_t b = begin; b < end; ++b) {
         Bank *bank = &trace->banks[b];
         uint32_t unreported = 0;
+        AMB_TRY(clear_bank(trace, bank));
         for (uint64_t i = b; i < trace->walk.source->photon_count; i += trace->bank_count) {
             if (job_is_cancelled(trace->job))
                 return AMB_CANCELLED;
@@ -113,7 +132,7 @@ static AmbStatus create_banks(const AmbScene *scene, Trace *trace) {
         for (uint32_t o = 0; o < scene->object_count; ++o) {
             const ScatterCells *cells = &trace->scatter->cells[o];
             bank->moments[o] =
-                memory_zero_array(cells->cell_count * cells->float_count, sizeof(float));
+                memory_alloc_array(cells->cell_count * cells->float_count, sizeof(float));
             if (bank->moments[o] == NULL)
                 return status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
         }
@@ -130,17 +149,33 @@ static void destroy_banks(Trace *trace) {
     }
 }
 
-/* The first bank becomes the sum of all. */
-static void sum_banks(Trace *trace) {
+/* Of one object. */
+typedef struct BankSum {
+    const Trace *trace;
+    uint32_t object;
+} BankSum;
+
+/* The first bank becomes the sum of all, in their order. */
+static AmbStatus sum_moments(void *user, uint64_t begin, uint64_t end, uint32_t thread) {
+    (void)thread;
+    const BankSum *sum = user;
+    const Bank *banks = sum->trace->banks;
+    float *first = banks[0].moments[sum->object];
+    for (uint32_t b = 1; b < sum->trace->bank_count; ++b)
+        for (uint64_t i = begin; i < end; ++i)
+            first[i] += banks[b].moments[sum->object][i];
+    return AMB_OK;
+}
+
+static AmbStatus sum_banks(Trace *trace) {
     Scatter *scatter = trace->scatter;
     for (uint32_t o = 0; o < scatter->object_count; ++o) {
         ScatterCells *cells = &scatter->cells[o];
-        const uint64_t count = cells->cell_count * cells->float_count;
+        BankSum sum = {trace, o};
+        AMB_TRY(parallel_for(trace->job, cells->cell_count * cells->float_count, PIECE, sum_moments,
+                             &sum));
         cells->moments = trace->banks[0].moments[o];
         trace->banks[0].moments[o] = NULL;
-        for (uint32_t b = 1; b < trace->bank_count; ++b)
-            for (uint64_t i = 0; i < count; ++i)
-                cells->moments[i] += trace->banks[b].moments[o][i];
     }
     for (uint32_t b = 0; b < trace->bank_count; ++b) {
         const ScatterTally *tally = &trace->banks[b].tally;
@@ -153,6 +188,7 @@ static void sum_banks(Trace *trace) {
             scatter->tally.lost[k] += tally->lost[k];
         }
     }
+    return AMB_OK;
 }
 
 /* ---- The whole ------------------------------------------------------------------------------- */
@@ -177,7 +213,7 @@ static AmbStatus run(const AmbScene *scene, const ScatterParams *params, Job *jo
         if (status == AMB_OK)
             status = parallel_for(job, trace->bank_count, 1, trace_bank, trace);
         if (status == AMB_OK)
-            sum_banks(trace);
+            status = sum_banks(trace);
         destroy_banks(trace);
     }
     memory_free(trace);

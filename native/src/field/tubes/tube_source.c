@@ -93,8 +93,10 @@ static float flux_towards(const SceneLight *light, const SceneObject *object) {
     if (light->kind != AMB_LIGHT_SUN &&
         !(vec3_length(vec3_sub(object->center, light->position)) > 0.0f))
         return 0.0f;
-    const LightArrival arrival = light_arrival(light, object->center, (Sample2){0.5f, 0.5f});
     const float largest = rgb_max(light->color);
+    if (!(largest > 0.0f))
+        return 0.0f;
+    const LightArrival arrival = light_arrival(light, object->center, (Sample2){0.5f, 0.5f});
     const float cross_section = AMB_PI * object->radius * object->radius;
     const float sphere = 4.0f * AMB_PI * arrival.distance * arrival.distance;
     const float flux = rgb_max(arrival.irradiance) / largest * fminf(cross_section, sphere);
