@@ -10,7 +10,7 @@
 
 static const float COEFFICIENT_MAX = 1e9f; /* 1/m */
 static const float G_MAX = 0.9999f;
-/* Of lamps, m, and of windows: squares of sums of such numbers are finite. */
+/* Sizes of lamps, m, and windows: squares of sums of such numbers are finite. */
 static const float LENGTH_MAX = 1e18f;
 
 static const char *name_or_empty(const char *name) {
@@ -276,7 +276,7 @@ static AmbStatus check_light(const AmbLight *light) {
         return status_fail(AMB_INVALID_ARGUMENT, "kind %u of light \"%.100s\" is unknown",
                            light->kind, name);
     AMB_TRY(check_range(light->color, 3, 0.0f, FLT_MAX, "color", name));
-    AMB_TRY(check_range(light->position, 3, -LENGTH_MAX, LENGTH_MAX, "position", name));
+    AMB_TRY(check_range(light->position, 3, -FLT_MAX, FLT_MAX, "position", name));
     AMB_TRY(check_range(light->direction, 3, -FLT_MAX, FLT_MAX, "direction", name));
     AMB_TRY(check_range(light->tangent, 3, -FLT_MAX, FLT_MAX, "tangent", name));
     AMB_TRY(check_range(&light->radius, 1, 0.0f, LENGTH_MAX, "radius", name));
