@@ -221,7 +221,7 @@ static void see_lamps(Walker *walker, const Branch *branch, float length) {
         return;
     for (uint32_t l = 0; l < scene->light_count - scene->world_lamp_count; ++l) {
         const SceneLight *light = &scene->lights[l];
-        float t;
+        float t = 0.0f;
         const Rgb radiance = light_has_extent(light)
                                  ? light_seen(light, branch->o, branch->d, length, &t)
                                  : rgb(0, 0, 0);

@@ -549,8 +549,8 @@ def test_mirrored_ball_looks_the_same(ball, real_library, render_to):
     plain = render_to("plain")["ViewLayer.Single Scattering.G"]
     mirror()
     mirrored = render_to("mirrored")["ViewLayer.Single Scattering.G"]
-    # But for the last digits of vertex normals.
-    assert mirrored.mean() == pytest.approx(plain.mean(), rel=1e-3)
+    # The same random numbers, but other last digits of vertex normals.
+    assert mirrored.mean() == pytest.approx(plain.mean(), rel=0.02)
 
 
 def test_nan_in_a_mesh(ball, real_library, add_mesh):
