@@ -2,16 +2,21 @@
  * What two halves of each pixel's samples tell about the error of the picture. */
 #include "film/film_error.h"
 
-float film_pixel_variance(const FilmPixel *pixel) {
+/* Of the means of the halves, in doubles: squares of all that a pixel can hold are numbers. */
+static double square_difference(float half, float all, uint32_t a, uint32_t b) {
+    const double difference = (double)half / a - ((double)all - (double)half) / b;
+    return difference * difference;
+}
+
+double film_pixel_variance(const FilmPixel *pixel) {
     const uint32_t a = pixel->half_count, n = pixel->count, b = n - a;
     if (a == 0 || b == 0)
-        return 0.0f;
-    const Rgb all = film_pixel_sum(pixel);
-    const Rgb first = rgb_scale(pixel->half, 1.0f / (float)a);
-    const Rgb second = rgb_scale(rgb_add(all, rgb_scale(pixel->half, -1.0f)), 1.0f / (float)b);
-    const Rgb difference = rgb_add(first, rgb_scale(second, -1.0f));
-    const float share = (float)a / (float)n * ((float)b / (float)n);
-    return share * rgb_mean(rgb_mul(difference, difference));
+        return 0.0;
+    const Rgb all = film_pixel_sum(pixel), half = pixel->half;
+    const double share = (double)a / n * ((double)b / n);
+    return share / 3.0 *
+           (square_difference(half.r, all.r, a, b) + square_difference(half.g, all.g, a, b) +
+            square_difference(half.b, all.b, a, b));
 }
 
 bool film_pixel_is_in(const FilmPixel *pixel, FilmSet set) {
@@ -25,7 +30,7 @@ FilmSum film_sum_row(const Film *film, uint32_t y, FilmSet set) {
         const FilmPixel *pixel = &film->pixels[(uint64_t)y * film->width + x];
         if (pixel->count == 0 || !film_pixel_is_in(pixel, set))
             continue;
-        const double variance = (double)film_pixel_variance(pixel);
+        const double variance = film_pixel_variance(pixel);
         sum.variance += variance;
         sum.variance_square += variance * variance;
         sum.radiance += (double)(rgb_mean(film_pixel_sum(pixel)) / (float)pixel->count);

@@ -8,7 +8,7 @@
 /* Squared error of the mean of a pixel's samples, mean over channels, from the difference of its
  * halves A and B of a and b samples: (A - B)^2 ab / (a+b)^2. Unbiased where the halves are
  * independent; too large where they complement each other. 0 if one is empty. */
-float film_pixel_variance(const FilmPixel *pixel);
+double film_pixel_variance(const FilmPixel *pixel);
 
 typedef struct FilmSum {
     double variance;        /* sum of film_pixel_variance, */

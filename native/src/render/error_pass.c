@@ -10,7 +10,7 @@
 AmbStatus error_pass_create(Survey *survey, ErrorPass *out_pass) {
     const Film *film = &survey->render->film;
     const uint64_t pixels = (uint64_t)film->width * film->height;
-    *out_pass = (ErrorPass){.survey = survey, .shares = memory_alloc_array(pixels, sizeof(float))};
+    *out_pass = (ErrorPass){.survey = survey, .shares = memory_alloc_array(pixels, sizeof(double))};
     return out_pass->shares != NULL
                ? AMB_OK
                : status_fail(AMB_OUT_OF_MEMORY, "no memory to measure the error");
@@ -38,7 +38,7 @@ static AmbStatus find_shares(void *user, uint64_t begin, uint64_t end, uint32_t 
             for (uint64_t v = range[2]; v <= range[3]; ++v)
                 for (uint32_t u = range[0]; u <= range[1]; ++u)
                     alike += survey_set_has(survey, 0, v * film->width + u) == is_object;
-            pass->shares[y * film->width + x] = film_pixel_variance(pixel) / (float)alike;
+            pass->shares[y * film->width + x] = film_pixel_variance(pixel) / alike;
         }
     return AMB_OK;
 }
@@ -85,7 +85,7 @@ static AmbStatus write_errors(void *user, uint64_t begin, uint64_t end, uint32_t
             for (uint64_t v = range[2]; v <= range[3]; ++v)
                 for (uint32_t u = range[0]; u <= range[1]; ++u)
                     if (survey_set_has(survey, 0, v * film->width + u) == is_object)
-                        square += (double)pass->shares[v * film->width + u];
+                        square += pass->shares[v * film->width + u];
             row[x] = (float)sqrt(square);
         }
         film_set_error_row(film, (uint32_t)y, row);
@@ -146,7 +146,7 @@ AmbStatus error_pass_write(ErrorPass *pass, double noise_factor) {
     AMB_TRY(parallel_for(&render->job, rows, 16, find_shares, pass));
     if (noise_factor != 1.0)
         for (uint64_t i = 0; i < (uint64_t)rows * render->film.width; ++i)
-            pass->shares[i] *= (float)(noise_factor * noise_factor);
+            pass->shares[i] *= noise_factor * noise_factor;
     for (int i = 0; i < FIELD_PART_COUNT; ++i) {
         const FieldMeasure *part = &accuracy->parts[i];
         BlockErrors *field = &pass->blocks[BLOCKS_OF_FIELD + i];

@@ -23,7 +23,7 @@ enum {
 
 typedef struct ErrorPass {
     Survey *survey;
-    float *shares; /* by pixel: variance handed to each of the neighbours */
+    double *shares; /* by pixel: variance handed to each of the neighbours */
     BlockErrors blocks[BLOCK_ERROR_COUNT];
     const BlockErrors *measured; /* of sum_blocks */
 } ErrorPass;

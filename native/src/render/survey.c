@@ -2,6 +2,7 @@
  * The noise of a film between two rounds. */
 #include "render/survey.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -118,7 +119,7 @@ static AmbStatus find_costs(void *user, uint64_t begin, uint64_t end, uint32_t t
     for (uint64_t i = begin * film->width; i < end * film->width; ++i) {
         const FilmPixel *pixel = &film->pixels[i];
         survey->costs[i] =
-            film_pixel_variance(pixel) * powf((float)pixel->count, (float)NOISE_ORDER);
+            (float)fmin(film_pixel_variance(pixel) * pow(pixel->count, NOISE_ORDER), FLT_MAX);
     }
     return AMB_OK;
 }
