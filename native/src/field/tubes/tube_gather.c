@@ -49,6 +49,13 @@ typedef struct Sums {
     Lanes frequency;
 } Sums;
 
+/* The medium that the light goes through. */
+typedef struct Matter {
+    const Medium *medium;
+    float sigma_t[3], mean, max; /* 1/m */
+    bool fades;                  /* see FADE_MIN */
+} Matter;
+
 static inline Lanes3 set3(Vec3 v) {
     return (Lanes3){lanes_set(v.x), lanes_set(v.y), lanes_set(v.z)};
 }
@@ -554,10 +561,9 @@ typedef struct ChordGather {
     LaneMask is_root; /* of values the ends have the roots */
     const Tubes *tubes;
     const TubeLight *light;
-    const Medium *medium;
+    const Matter *matter;
     const Query *q;
     Sums *sums;
-    bool fades; /* see FADE_MIN */
 } ChordGather;
 
 /* Adds what a chord from b to c sends along the segment, density per part of the chord; n tells the
@@ -588,7 +594,7 @@ __attribute__((always_inline)) static inline void gather_chord(const ChordGather
         return;
 
     /* The way to the ends of the chord's part. */
-    const Medium *medium = gather->medium;
+    const Matter *matter = gather->matter;
     const Lanes path_b = meet_b.along + meet_b.depth, path_c = meet_c.along + meet_c.depth;
     const Lanes over0 = lerp(meet_b.over, meet_c.over, q0);
     const Lanes over1 = lerp(meet_b.over, meet_c.over, q1);
@@ -596,8 +602,7 @@ __attribute__((always_inline)) static inline void gather_chord(const ChordGather
     const Lanes start0 = lerp(b->start, c->start, q0), start1 = lerp(b->start, c->start, q1);
     Way way = {.ahead = zero,
                .change = (path1 * over0 - path0 * over1) / (over0 * over1) + (start1 - start0)};
-    const bool may_be_thick =
-        lanes_bits((0.5f * rgb_max(medium->sigma_t)) * abs_lanes(way.change) > 1.0f) != 0;
+    const bool may_be_thick = lanes_bits((0.5f * matter->max) * abs_lanes(way.change) > 1.0f) != 0;
     if (may_be_thick) {
         /* Between corners directions are shorter than unit. */
         const Lanes3 mean = lerp3(b->w, c->w, half);
@@ -615,8 +620,8 @@ __attribute__((always_inline)) static inline void gather_chord(const ChordGather
     /* Everything else where most of the light is: in the middle of that part, but for what fades
      * along it. */
     Lanes qm = half * (q0 + q1);
-    if (gather->fades) {
-        way.ahead = ahead_of_middle(rgb_mean(medium->sigma_t), &way, may_be_thick);
+    if (matter->fades) {
+        way.ahead = ahead_of_middle(matter->mean, &way, may_be_thick);
         qm -= lanes_select(way.change > 0.0f, way.ahead, -way.ahead) * (q1 - q0);
     }
     const Lanes3 w = lerp3(b->w, c->w, qm), normal = cross3(d, w);
@@ -629,7 +634,8 @@ __attribute__((always_inline)) static inline void gather_chord(const ChordGather
 
     const TubeLight *light = gather->light;
     Lanes scatter[3];
-    medium_scattering_lanes(medium, dot3(w, d) / unit, dot3(normal, normal) / unit2, scatter);
+    medium_scattering_lanes(matter->medium, dot3(w, d) / unit, dot3(normal, normal) / unit2,
+                            scatter);
     const Lanes3 area = area_of(gather->tubes);
     const Lanes part = q1 - q0;
     Lanes value = lerp(b->value, c->value, qm);
@@ -640,7 +646,7 @@ __attribute__((always_inline)) static inline void gather_chord(const ChordGather
         value = lanes_select(gather->is_root, square, value);
     }
     value *= flux_share(gather->tubes, light, area, w, unit) * density * part;
-    const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
+    const float *sigma_t = matter->sigma_t;
     const float color[3] = {light->color.r, light->color.g, light->color.b};
     StraightStretch stretch = {zero, zero, zero, zero};
     if (q->has_straight) {
@@ -656,9 +662,10 @@ __attribute__((always_inline)) static inline void gather_chord(const ChordGather
         stretch.span = lanes_select(is_rising, last, first) - stretch.near;
         stretch.bend = lanes_min(lanes_max(center, zero), length) - half * (first + last);
     }
-    Lanes total = zero;
+    Lanes total = zero, fade = zero;
     for (int k = 0; k < 3; ++k) {
-        const Lanes fade = fade_along(sigma_t[k], &way, may_be_thick);
+        if (k == 0 || sigma_t[k] != sigma_t[k - 1])
+            fade = fade_along(sigma_t[k], &way, may_be_thick);
         const Lanes arrives = lanes_select(is_hit, value * color[k] * scatter[k] * fade, zero);
         gather->sums->radiance[k] += arrives;
         total += arrives;
@@ -741,7 +748,7 @@ static inline LaneMask chord_ends(const Tubes *tubes, const Odd *odd, Lanes cut_
 /* Adds what tubes that are crossed send along the segment. A lane whose f does not
  * change its sign counts for nothing. */
 static inline void gather_tubes(const Tubes *tubes, const Lanes *soft, const TubeTree *tree,
-                                const Medium *medium, const Query *q, Sums *sums) {
+                                const Matter *matter, const Query *q, Sums *sums) {
     const TubeLight *light = &tree->light;
     const Lanes one = lanes_set(1.0f), half = lanes_set(0.5f);
     const Lanes3 d = set3(q->d), o = set3(q->o);
@@ -756,8 +763,7 @@ static inline void gather_tubes(const Tubes *tubes, const Lanes *soft, const Tub
     const Lanes density = soft != NULL ? *soft : 2.0f * cut_b / abs_lanes(gap_c);
     End b, c;
     const LaneMask is_root = chord_ends(tubes, &odd, cut_b, cut_c, light->value, o, &b, &c);
-    const bool fades = rgb_max(medium->sigma_t) * tree->edge > FADE_MIN;
-    const ChordGather gather = {is_root, tubes, light, medium, q, sums, fades};
+    const ChordGather gather = {is_root, tubes, light, matter, q, sums};
     const Lanes3 n = cross3(d, lerp3(b.w, c.w, half)), turned = cross3(n, d);
     const Lanes over_b = dot3(b.w, turned), over_c = dot3(c.w, turned);
     const LaneMask turns =
@@ -912,13 +918,13 @@ static inline Lanes soften_tubes(Tubes *tubes, const TubeLight *light, const Que
 }
 
 /* Adds what tubes send that are crossed, or nearly. */
-static inline void gather_crossed(Tubes *tubes, const TubeTree *tree, const Medium *medium,
+static inline void gather_crossed(Tubes *tubes, const TubeTree *tree, const Matter *matter,
                                   const Query *q, Sums *sums) {
     if (tree->blur > 0.0f) {
-        const Lanes density = soften_tubes(tubes, &tree->light, q, rgb_mean(medium->sigma_t));
-        gather_tubes(tubes, &density, tree, medium, q, sums);
+        const Lanes density = soften_tubes(tubes, &tree->light, q, matter->mean);
+        gather_tubes(tubes, &density, tree, matter, q, sums);
     } else {
-        gather_tubes(tubes, NULL, tree, medium, q, sums);
+        gather_tubes(tubes, NULL, tree, matter, q, sums);
     }
 }
 
@@ -1039,14 +1045,14 @@ static inline void refine_tubes(const Tubes *tubes, uint32_t count, const TubeTr
 /* Takes all that there is, by vectors as long as they are full. Bent tubes are quartered last in,
  * first out, so that few wait: each level leaves at most three quarters of the parts of one vector
  * behind. */
-static inline void empty_queues(const TubeTree *tree, const Medium *medium, const Query *q,
+static inline void empty_queues(const TubeTree *tree, const Matter *matter, const Query *q,
                                 Queues *queues, Sums *sums) {
     Tubes tubes;
     while (queues->bent.count > 0 || queues->parts.count > 0) {
         while (queues->parts.count >= LANE_COUNT ||
                (queues->parts.count > 0 && queues->bent.count == 0)) {
             take_loose(&queues->parts, &tubes);
-            gather_crossed(&tubes, tree, medium, q, sums);
+            gather_crossed(&tubes, tree, matter, q, sums);
         }
         if (queues->bent.count > 0) {
             const uint32_t count = take_loose(&queues->bent, &tubes);
@@ -1086,7 +1092,7 @@ static inline Lanes bulge_of(LaneMask codes) {
 }
 
 /* Looks more closely at all tubes of a ray that wait for it. */
-static inline void gather_bent(const TubeTree *tree, const Medium *medium, Packet *packet,
+static inline void gather_bent(const TubeTree *tree, const Matter *matter, Packet *packet,
                                uint32_t r, Queues *queues) {
     const Query *q = &packet->queries[r];
     while (packet->bent[r].count > 0) {
@@ -1096,11 +1102,11 @@ static inline void gather_bent(const TubeTree *tree, const Medium *medium, Packe
         see_corners(&tubes, q);
         add_loose(&tubes, (1u << count) - 1u, &queues->bent);
     }
-    empty_queues(tree, medium, q, queues, &packet->sums[r]);
+    empty_queues(tree, matter, q, queues, &packet->sums[r]);
 }
 
 /* Adds what touched tubes of a ray send, by vectors, as long as `least` of them wait. */
-static inline void gather_touched(const TubeTree *tree, const Medium *medium, Packet *packet,
+static inline void gather_touched(const TubeTree *tree, const Matter *matter, Packet *packet,
                                   uint32_t r, uint32_t least, Queues *queues) {
     const Query *q = &packet->queries[r];
     const Lanes3 d = set3(q->d);
@@ -1130,7 +1136,7 @@ static inline void gather_touched(const TubeTree *tree, const Medium *medium, Pa
             lanes_pack_numbers(bends->codes + bends->count, codes, &pack);
             bends->count += (uint32_t)__builtin_popcount(bent);
             if (bends->count >= QUEUE_FULL)
-                gather_bent(tree, medium, packet, r, queues);
+                gather_bent(tree, matter, packet, r, queues);
         }
         const LaneMask is_crossed = (low <= blur) & (high > -blur) & is_there & ~is_bent;
         const uint32_t crossed = lanes_bits(is_crossed);
@@ -1142,7 +1148,7 @@ static inline void gather_touched(const TubeTree *tree, const Medium *medium, Pa
         }
         for (int k = 0; k < 3; ++k)
             tubes.f[k] = (Lanes)((LaneMask)tubes.f[k] & is_crossed);
-        gather_crossed(&tubes, tree, medium, q, &packet->sums[r]);
+        gather_crossed(&tubes, tree, matter, q, &packet->sums[r]);
     }
 }
 
@@ -1221,16 +1227,16 @@ static inline void children_hit(const TubeNode *node, uint32_t rays, const Packe
     }
 }
 
-static inline void gather_lists(const TubeTree *tree, const Medium *medium, uint32_t rays,
+static inline void gather_lists(const TubeTree *tree, const Matter *matter, uint32_t rays,
                                 Packet *packet, Queues *queues) {
     for (; rays != 0; rays &= rays - 1) {
         const uint32_t r = (uint32_t)__builtin_ctz(rays);
         if (packet->touched[r].count >= QUEUE_FULL)
-            gather_touched(tree, medium, packet, r, LANE_COUNT, queues);
+            gather_touched(tree, matter, packet, r, LANE_COUNT, queues);
     }
 }
 
-static inline void gather_packet(const TubeTree *tree, const Medium *medium, Packet *packet) {
+static inline void gather_packet(const TubeTree *tree, const Matter *matter, Packet *packet) {
     Queues queues;
     queues.parts.count = queues.bent.count = 0;
     uint32_t stack[STACK_MAX];
@@ -1254,13 +1260,13 @@ static inline void gather_packet(const TubeTree *tree, const Medium *medium, Pac
                 levels[depth++] = (uint8_t)(level - 1);
             } else {
                 touch_patch(tree, first + c, hit[c], packet);
-                gather_lists(tree, medium, hit[c], packet, &queues);
+                gather_lists(tree, matter, hit[c], packet, &queues);
             }
         }
     }
     for (uint32_t r = 0; r < packet->count; ++r) {
-        gather_touched(tree, medium, packet, r, 1, &queues);
-        gather_bent(tree, medium, packet, r, &queues);
+        gather_touched(tree, matter, packet, r, 1, &queues);
+        gather_bent(tree, matter, packet, r, &queues);
     }
 }
 
@@ -1277,13 +1283,13 @@ static inline FieldRadiance sum_up(const Sums *sums) {
     return out;
 }
 
-static inline void gather_rays(const TubeTree *tree, const Medium *medium, const TubeRay rays[],
+static inline void gather_rays(const TubeTree *tree, const Matter *matter, const TubeRay rays[],
                                uint32_t count, Packet *packet, FieldRadiance out[]) {
     packet->count = count;
     packet->parallel = 0;
     for (uint32_t r = 0; r < count; ++r)
         start_ray(tree, &rays[r], r, packet);
-    gather_packet(tree, medium, packet);
+    gather_packet(tree, matter, packet);
     for (uint32_t r = 0; r < count; ++r)
         out[r] = sum_up(&packet->sums[r]);
 }
@@ -1291,7 +1297,14 @@ static inline void gather_rays(const TubeTree *tree, const Medium *medium, const
 void AMB_TUBE_GATHER(const TubeTree *tree, const Medium *medium, const TubeRay rays[],
                      uint32_t count, FieldRadiance out[]) {
     Packet packet;
-    gather_rays(tree, medium, rays, count, &packet, out);
+    const Rgb sigma_t = medium->sigma_t;
+    const float max = rgb_max(sigma_t);
+    const Matter matter = {.medium = medium,
+                           .sigma_t = {sigma_t.r, sigma_t.g, sigma_t.b},
+                           .mean = rgb_mean(sigma_t),
+                           .max = max,
+                           .fades = max * tree->edge > FADE_MIN};
+    gather_rays(tree, &matter, rays, count, &packet, out);
     for (uint32_t left = packet.parallel; left != 0; left &= left - 1) {
         const uint32_t r = (uint32_t)__builtin_ctz(left);
         TubeRay turned = rays[r];
@@ -1299,6 +1312,6 @@ void AMB_TUBE_GATHER(const TubeTree *tree, const Medium *medium, const TubeRay r
         vec3_frame(turned.d, &x, &y);
         /* Turned out of one light's direction it may be in another's, which then loses some. */
         turned.d = vec3_normalize(vec3_madd(turned.d, NUDGE, x));
-        gather_rays(tree, medium, &turned, 1, &packet, &out[r]);
+        gather_rays(tree, &matter, &turned, 1, &packet, &out[r]);
     }
 }
