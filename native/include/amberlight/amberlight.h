@@ -133,7 +133,7 @@ typedef struct AmbMaterial {
     uint32_t surface; /* AMB_SURFACE_* */
     const char *name;
     float albedo[3];         /* DIFFUSE: reflectance in [0,1] */
-    float emission[3];       /* DIFFUSE: emitted radiance seen by camera paths; lights nothing */
+    float emission[3];       /* DIFFUSE: emitted radiance, from both sides, W m^-2 sr^-1 */
     float transmit_color[3]; /* DIELECTRIC: factor on each refraction, in [0,1] */
     float reflect_color[3];  /* DIELECTRIC: factor on each reflection, in [0,1] */
     float ior;               /* DIELECTRIC: index of the inside, vacuum = 1; > 0 */

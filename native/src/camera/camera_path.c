@@ -114,16 +114,21 @@ static void pass_medium(Walker *walker, Branch *branch, float length) {
             branch->forward, scatter_forward(walker->params->scatter, object), segment.length);
 }
 
-/* Adds light that arrives at the end of the branch. */
-static void see_surface(Walker *walker, const Branch *branch, Rgb radiance) {
+/* Adds light that arrives at the end of the branch; what scatters straight on of a lamp's is in the
+ * light field. */
+static void see_light(Walker *walker, const Branch *branch, Rgb radiance, bool is_of_lamp) {
     const Rgb arriving = rgb_mul(branch->throughput, radiance);
     if (walker->observer != NULL)
         walker->observer->see_light(walker->observer->user, &branch->way, 0, arriving);
     else
         walker->out->surface = rgb_add(walker->out->surface, arriving);
     walker_note(walker, &branch->way, arriving);
-    if (walker->observer == NULL)
+    if (walker->observer == NULL && !is_of_lamp)
         walk_see_straight(walker, &branch->way, branch->forward, arriving);
+}
+
+static void see_surface(Walker *walker, const Branch *branch, Rgb radiance) {
+    see_light(walker, branch, radiance, false);
 }
 
 static void follow(Walker *walker, Branch branch);
@@ -274,6 +279,8 @@ static void follow_arrival(Walker *walker, Branch branch) {
         shade_diffuse(walker, &arrival.crossing.surface, branch.d, &branch.stack, glow,
                       (walker->params->effects & AMB_EFFECT_INTERREFLECTION) != 0);
     see_surface(walker, &branch, light.radiance);
+    if (rgb_max(light.lamp) > 0.0f)
+        see_light(walker, &branch, light.lamp, true);
     out->parts[CAMERA_PART_CAUSTICS] += rgb_mean(rgb_mul(branch.throughput, light.caustics));
     if (rgb_max(light.interreflected) > 0.0f) {
         branch.way.effects |= AMB_EFFECT_INTERREFLECTION;

@@ -20,9 +20,11 @@ static Rgb straight_share(const Walker *walker, const MediumStack *stack, Vec3 p
     return shadow_transmittance(scene, stack, p, light->wi, light->distance);
 }
 
-/* Irradiance of the lamps along shadow rays. */
+/* Irradiance of the lamps along shadow rays. Meshes that are lamps may be met by rays in proportion
+ * to the cosine, too: each has its share of both densities (the balance heuristic, [Veach97] 9.2).
+ */
 static Rgb lamp_irradiance(Walker *walker, const SurfacePoint *surface, const MediumStack *stack,
-                           Vec3 ng, Vec3 ns) {
+                           Vec3 ng, Vec3 ns, bool meets_lamps) {
     const AmbScene *scene = walker->scene;
     const Vec3 p = scene_leave(surface, ng);
     Rgb irradiance = rgb(0, 0, 0);
@@ -34,7 +36,9 @@ static Rgb lamp_irradiance(Walker *walker, const SurfacePoint *surface, const Me
             !(rgb_max(light.irradiance) > 0.0f))
             continue;
         const Rgb share = straight_share(walker, stack, p, &light);
-        irradiance = rgb_madd(irradiance, rgb_scale(light.irradiance, cosine), share);
+        const float weight =
+            meets_lamps && light.pdf > 0.0f ? light.pdf / (light.pdf + cosine / AMB_PI) : 1.0f;
+        irradiance = rgb_madd(irradiance, rgb_scale(light.irradiance, weight * cosine), share);
     }
     return irradiance;
 }
@@ -45,6 +49,9 @@ static const float SURVIVAL_MAX = 0.95f;
 /* The way back of light that arrives at an opaque surface. */
 typedef struct LightPath {
     Vec3 o, d;
+    Vec3 from;    /* where it began, */
+    float pdf;    /* and with which density of d, 1/sr */
+    bool is_bent; /* by a boundary so far: then the map of caustics has what lamps send that way */
     MediumStack stack;
     Rgb weight;
     float share;          /* of the world's light, and of what glows on the way */
@@ -55,10 +62,12 @@ typedef struct LightPath {
 /* What comes along it. */
 typedef struct LightSum {
     Rgb world, surfaces;
+    Rgb lamps; /* meshes met */
 } LightSum;
 
 static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
-                          const MediumStack *stack, Rgb glow, float interreflected);
+                          const MediumStack *stack, Rgb glow, float interreflected,
+                          bool meets_lamps);
 
 /* Whether walks bring what scatters on its way to opaque surfaces: of all light, or, where that of
  * lamps is in the map of caustics, of the surroundings. */
@@ -103,6 +112,7 @@ static void pass_medium(Walker *walker, LightPath *path, float length, Rgb glow)
 /* One of the two branches by chance, and all reflections. False: neither goes on. */
 static bool pass_boundary(Walker *walker, LightPath *path, const BoundaryCrossing *crossing) {
     const SceneMaterial *material = crossing->surface.material;
+    path->is_bent |= crossing->eta != 1.0f;
     if (walker_random(walker) < crossing->split.reflectance) {
         if (!crossing->can_reflect)
             return false;
@@ -134,8 +144,8 @@ static bool survives(Walker *walker, LightPath *path) {
 }
 
 /* Light of the opaque surface where the path ends. One more surface is asked by chance. */
-static Rgb meet_surface(Walker *walker, const LightPath *path, const SurfacePoint *surface,
-                        Rgb glow) {
+static void meet_surface(Walker *walker, const LightPath *path, const SurfacePoint *surface,
+                         Rgb glow, LightSum *sum) {
     const float survival = fminf(rgb_max(surface->material->albedo), SURVIVAL_MAX);
     const float next = survival > 0.0f && walker_random(walker) < survival ? 1.0f / survival : 0.0f;
     const Rgb weight = rgb_scale(path->weight, path->interreflected);
@@ -143,16 +153,21 @@ static Rgb meet_surface(Walker *walker, const LightPath *path, const SurfacePoin
     const CameraWay way = walker->way;
     walker->way.effects |= AMB_EFFECT_INTERREFLECTION;
     const DiffuseLight light =
-        shade(walker, surface, path->d, &path->stack, rgb_mul(weight, glow), next);
+        shade(walker, surface, path->d, &path->stack, rgb_mul(weight, glow), next, true);
     walker->way = way;
     ledger_close(&walker->clock, before);
-    return rgb_mul(weight, rgb_add(light.radiance, light.interreflected));
+    sum->surfaces = rgb_mul(weight, rgb_add(light.radiance, light.interreflected));
+    const SceneObject *object = &walker->scene->objects[surface->object];
+    if (object->is_lamp && !path->is_bent) {
+        const float share = path->pdf / (path->pdf + scene_lamp_pdf(surface, object, path->from));
+        sum->lamps = rgb_mul(rgb_scale(weight, share), light.lamp);
+    }
 }
 
 /* What the path leads to. */
 static LightSum follow_light(Walker *walker, LightPath path, Rgb glow) {
     const AmbScene *scene = walker->scene;
-    LightSum sum = {{0, 0, 0}, {0, 0, 0}};
+    LightSum sum = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
     for (int depth = 0; depth < DEPTH_MAX; ++depth) {
         BoundaryArrival arrival;
         const bool is_hit = boundary_find(scene, &path.stack, path.o, path.d, INFINITY, &arrival);
@@ -169,7 +184,7 @@ static LightSum follow_light(Walker *walker, LightPath path, Rgb glow) {
         }
         if (arrival.is_opaque) {
             if (path.interreflected > 0.0f)
-                sum.surfaces = meet_surface(walker, &path, &arrival.crossing.surface, glow);
+                meet_surface(walker, &path, &arrival.crossing.surface, glow, &sum);
             break;
         }
         if (!walker->params->shines_through || !pass_boundary(walker, &path, &arrival.crossing) ||
@@ -188,7 +203,7 @@ static LightSum light_of_surroundings(Walker *walker, const SurfacePoint *surfac
     const AmbScene *scene = walker->scene;
     const World *world = &scene->world;
     const bool shines_through = walker->params->shines_through;
-    LightSum sum = {{0, 0, 0}, {0, 0, 0}};
+    LightSum sum = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
     const bool has_glow =
         shines_through && rgb_max(glow) > 0.0f &&
         (walker->params->glow != 0 ? walks_for_glow(walker->params) : walker->field != NULL);
@@ -208,10 +223,18 @@ static LightSum light_of_surroundings(Walker *walker, const SurfacePoint *surfac
         const float share = by_cosine / (by_cosine + (has_image ? world_pdf(world, d) : 0.0f));
         const float by_surfaces = i == 0 ? interreflected : 0.0f;
         if (shines_through || by_surfaces > 0.0f) {
-            const LightPath path = {p, d, *stack, rgb(1, 1, 1), share, by_surfaces, 0};
+            const LightPath path = {.o = p,
+                                    .d = d,
+                                    .from = surface->p,
+                                    .pdf = by_cosine,
+                                    .stack = *stack,
+                                    .weight = rgb(1, 1, 1),
+                                    .share = share,
+                                    .interreflected = by_surfaces};
             const LightSum found = follow_light(walker, path, glow);
             sum.world = rgb_add(sum.world, found.world);
             sum.surfaces = rgb_add(sum.surfaces, found.surfaces);
+            sum.lamps = rgb_add(sum.lamps, found.lamps);
         } else if (!scene_is_occluded(scene, p, d, INFINITY)) {
             sum.world = rgb_add(sum.world, rgb_scale(world_radiance_but_lamps(world, d), share));
         }
@@ -236,15 +259,17 @@ static void add_glow(Walker *walker, const SurfacePoint *surface, Vec3 ng, Rgb w
     }
 }
 
-/* interreflected: weight of other opaque surfaces' light; 0: they are black. */
+/* interreflected: weight of other opaque surfaces' light; 0: they are black. meets_lamps: it is not
+ * 0, or is so by chance. */
 static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
-                          const MediumStack *stack, Rgb glow, float interreflected) {
+                          const MediumStack *stack, Rgb glow, float interreflected,
+                          bool meets_lamps) {
     const float side = vec3_dot(d, surface->ng) < 0.0f ? 1.0f : -1.0f;
     const Vec3 ng = vec3_scale(surface->ng, side);
     const Vec3 ns = vec3_scale(surface->ns, side);
     const Rgb albedo = surface->material->albedo;
     const CausticMap *map = walker->params->caustics;
-    const Rgb straight = lamp_irradiance(walker, surface, stack, ng, ns);
+    const Rgb straight = lamp_irradiance(walker, surface, stack, ng, ns, meets_lamps);
     LedgerClock *clock = &walker->clock;
     LedgerEntry before = ledger_open(clock, LEDGER_CAUSTICS);
     const Rgb bent =
@@ -259,12 +284,15 @@ static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
                                                   rgb_mul(glow, albedo), interreflected);
     ledger_close(clock, before);
     return (DiffuseLight){
-        .radiance = rgb_madd(surface->material->emission, albedo, rgb_add(lamps, others.world)),
+        .radiance = rgb_madd(scene_chance_emission(walker->scene, surface), albedo,
+                             rgb_add(lamps, rgb_add(others.world, others.lamps))),
+        .lamp = walker->scene->objects[surface->object].is_lamp ? surface->material->emission
+                                                                : rgb(0, 0, 0),
         .caustics = rgb_mul(albedo, rgb_scale(bent, 1.0f / AMB_PI)),
         .interreflected = rgb_mul(albedo, others.surfaces)};
 }
 
 DiffuseLight shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d,
                            const MediumStack *stack, Rgb glow, bool interreflects) {
-    return shade(walker, surface, d, stack, glow, interreflects ? 1.0f : 0.0f);
+    return shade(walker, surface, d, stack, glow, interreflects ? 1.0f : 0.0f, interreflects);
 }

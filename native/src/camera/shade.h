@@ -7,8 +7,9 @@
 
 /* What an opaque surface sends back of light that did not scatter. */
 typedef struct DiffuseLight {
-    Rgb radiance;       /* emission, and light of the lamps and the world; */
-    Rgb caustics;       /* what boundaries bent of it */
+    Rgb radiance; /* light of the lamps and the world, and emission but that of lamps; */
+    Rgb lamp;     /* emission of a mesh that is a lamp: for eyes, everyone else is lit by it */
+    Rgb caustics; /* what boundaries bent of it */
     Rgb interreflected; /* light that comes from other opaque surfaces, not in the radiance */
 } DiffuseLight;
 

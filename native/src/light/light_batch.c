@@ -10,7 +10,8 @@ bool light_batch_aim(const AmbScene *scene, const SceneLight *light, uint32_t ob
     MediumStack start = {0};
     if (!shape->is_boundary)
         return false;
-    if (light != NULL && light->kind != AMB_LIGHT_SUN)
+    /* A mesh may begin in one medium and end in another: each ray asks where it is. */
+    if (light != NULL && light->kind != AMB_LIGHT_SUN && light->kind != LIGHT_MESH)
         start = scene_media_at(scene, light->position);
     /* Light that starts inside begins with the outermost object around it. */
     if (start.count > 0 && start.objects[0] != object)
@@ -29,6 +30,16 @@ bool light_batch_aim(const AmbScene *scene, const SceneLight *light, uint32_t ob
     if (start.count > 0)
         out_batch->emission.target_radius = INFINITY; /* every direction */
     return true;
+}
+
+bool light_batch_start(const AmbScene *scene, const LightBatch *batch, Vec3 o,
+                       MediumStack *out_stack) {
+    const SceneLight *light = batch->emission.light;
+    *out_stack = batch->start;
+    if (light == NULL || light->kind != LIGHT_MESH || !light->mesh->may_be_inside)
+        return true;
+    *out_stack = scene_media_at(scene, o);
+    return out_stack->count == 0 || out_stack->objects[0] == batch->target;
 }
 
 void light_batches_share(LightBatch *batches, uint64_t batch_count, uint64_t ray_count) {

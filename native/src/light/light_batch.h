@@ -20,6 +20,11 @@ typedef struct LightBatch {
 bool light_batch_aim(const AmbScene *scene, const SceneLight *light, uint32_t object, Rng rng,
                      LightBatch *out_batch);
 
+/* Media around a place where light of the batch starts. False: that light first comes into another
+ * object, for which it has a batch of its own. */
+bool light_batch_start(const AmbScene *scene, const LightBatch *batch, Vec3 o,
+                       MediumStack *out_stack);
+
 /* Shares rays, half by the power, half alike: by power alone a bead beside a statue would get none.
  */
 void light_batches_share(LightBatch *batches, uint64_t batch_count, uint64_t ray_count);

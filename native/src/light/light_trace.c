@@ -62,6 +62,7 @@ typedef struct Branch {
     float stands_for; /* rays, >= 1: more where others have ended in its favour */
     float rank;       /* see goes_on */
     uint32_t bounces;
+    bool is_of_mesh; /* that emits: tubes know none of its light */
     bool is_direct;  /* has met no boundary yet */
     bool is_bent;    /* has been refracted or reflected */
     bool has_passed; /* has left an object */
@@ -125,7 +126,7 @@ static float rank_left(const Branch *branch) {
 }
 
 static bool is_carried(const LightTraceParams *params, const Branch *branch) {
-    return !branch->has_passed && branch->bounces < params->carried;
+    return !branch->has_passed && !branch->is_of_mesh && branch->bounces < params->carried;
 }
 
 /* Emits the stretch of a branch inside a medium and attenuates it to its end. */
@@ -287,7 +288,8 @@ static AmbStatus trace_ray(const Tracer *tracer, const LightBatch *batch, uint64
     const AmbScene *scene = tracer->scene;
     const LightTraceParams *params = tracer->params;
     const LightRay ray = light_emit(&batch->emission, index);
-    if (!(rgb_max(ray.flux) > 0.0f))
+    MediumStack start;
+    if (!(rgb_max(ray.flux) > 0.0f) || !light_batch_start(scene, batch, ray.o, &start))
         return AMB_OK;
     Branch waiting[ORDER_MAX];
     uint32_t waiting_count = 1;
@@ -297,8 +299,9 @@ static AmbStatus trace_ray(const Tracer *tracer, const LightBatch *batch, uint64
                           .emitted = rgb_max(ray.flux),
                           .stands_for = 1.0f,
                           .rank = sample_fibonacci_rank(index, batch->shift),
-                          .stack = batch->start,
-                          .is_direct = true};
+                          .stack = start,
+                          .is_direct = true,
+                          .is_of_mesh = batch->emission.light->kind == LIGHT_MESH};
     memcpy(waiting[0].pairs, ray.pairs, sizeof ray.pairs);
 
     for (int event = 0; waiting_count > 0 && event < EVENT_MAX; ++event) {

@@ -71,7 +71,7 @@ typedef struct LightTraceParams {
     bool follows_through; /* go on with light that leaves an object, to others behind it */
     uint32_t carried;     /* stretches of light inside the first object that it comes into, before
                            * so many reflections, are followed but neither kept nor counted as
-                           * interacting: tubes carry them */
+                           * interacting: tubes carry them. Not of meshes that emit light */
     const bool *targets;  /* by object: those that light is sent to; NULL: all */
     bool adjoint_normals; /* see BoundaryCrossing */
     bool lands;     /* keep landings instead of beams: light that boundaries refract, or reflect on

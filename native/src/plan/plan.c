@@ -439,8 +439,9 @@ static void set_parameters(const AmbScene *scene, const AmbRenderParams *params,
     const bool has_tubes = plan->estimator == AMB_ESTIMATOR_TUBES;
     const uint32_t bounces = effects[PLAN_LIGHT_BOUNCES].count;
     const uint32_t tube_bounces = has_tubes ? plan->tube_bounces : 0;
-    plan->has_points = plan->has_field && plan->estimator != AMB_ESTIMATOR_SPECULAR &&
-                       (!has_tubes || bounces > tube_bounces || follows_through);
+    plan->has_points =
+        plan->has_field && plan->estimator != AMB_ESTIMATOR_SPECULAR &&
+        (!has_tubes || bounces > tube_bounces || follows_through || scene->mesh_lamp_count > 0);
     const bool is_late = has_tubes && plan->has_points;
     plan->light =
         (LightTraceParams){.bounces = bounces,

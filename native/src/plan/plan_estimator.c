@@ -55,8 +55,13 @@ static Obstacle light_obstacle(const AmbScene *scene, uint32_t estimator, uint32
             continue;
         const bool has_extent =
             light->kind == AMB_LIGHT_AREA || light->radius > 0.0f || light->angle > 0.0f;
-        if (estimator == AMB_ESTIMATOR_SPECULAR && has_extent)
+        if (estimator == AMB_ESTIMATOR_SPECULAR && (has_extent || light->kind == LIGHT_MESH))
             return (Obstacle){"a lamp has an extent", light->name};
+        if (light->kind == LIGHT_MESH) {
+            if (estimator == AMB_ESTIMATOR_AUTO)
+                return (Obstacle){"a mesh emits light", light->name};
+            continue; /* beside tubes, points carry its light */
+        }
         if (estimator == AMB_ESTIMATOR_AUTO && has_extent) {
             cells += count_cells(scene, light);
             if (cells > AUTO_CELLS_MAX[bounces])

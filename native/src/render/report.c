@@ -263,6 +263,19 @@ static void add_memory(Text *text, const AmbRender *render) {
         (unsigned long long)render->memory.bytes);
 }
 
+static void add_mesh_lamps(Text *text, const AmbScene *scene) {
+    add(text, "\"mesh_lamps\": [");
+    bool has_one = false;
+    for (uint32_t o = 0; o < scene->object_count; ++o)
+        if (scene->objects[o].is_lamp) {
+            add(text, "%s\"", has_one ? ", " : "");
+            add_escaped(text, scene->objects[o].name);
+            add(text, "\"");
+            has_one = true;
+        }
+    add(text, "], ");
+}
+
 static void add_light(Text *text, const AmbRender *render) {
     const FieldSize *size = &render->account.size;
     add(text,
@@ -272,6 +285,7 @@ static void add_light(Text *text, const AmbRender *render) {
         (unsigned long long)size->point_bytes, (unsigned long long)size->tubes,
         size->tubes > 0 ? render->plan.tube_bounces : 0, (unsigned long long)size->lit_triangles,
         render->scene->world_lamp_count);
+    add_mesh_lamps(text, render->scene);
     add_rgb(text, "flux_incident", render->account.tally.incident, ", ");
     add_rgb(text, "flux_entered", render->account.tally.entered, ", ");
     add_rgb(text, "flux_interacting", render->account.tally.interacting, "},\n");

@@ -61,7 +61,25 @@ static Vec3 disc_point(const SceneLight *light, Vec3 n, Sample2 u) {
     return vec3_madd(vec3_madd(light->position, light->radius * s.u, x), light->radius * s.v, y);
 }
 
+static LightArrival mesh_arrival(const LightMesh *mesh, Vec3 p, Sample2 u) {
+    LightArrival arrival = {.irradiance = {0, 0, 0}};
+    const LightPlace place = light_mesh_place(mesh, u);
+    const Vec3 y = light_place_towards(&place, p);
+    const Vec3 to_light = vec3_sub(y, p);
+    const float distance = vec3_length(to_light);
+    if (!(distance > 0.0f))
+        return arrival;
+    arrival.wi = vec3_scale(to_light, 1.0f / distance);
+    arrival.distance = distance;
+    const float cosine = fabsf(vec3_dot(arrival.wi, place.n));
+    arrival.irradiance = rgb_scale(place.weight, cosine / (distance * distance));
+    arrival.pdf = cosine > 0.0f ? place.density * distance * distance / cosine : 0.0f;
+    return arrival;
+}
+
 LightArrival light_arrival(const SceneLight *light, Vec3 p, Sample2 u) {
+    if (light->kind == LIGHT_MESH)
+        return mesh_arrival(light->mesh, p, u);
     LightArrival arrival = {.irradiance = {0, 0, 0}};
     if (light->kind == AMB_LIGHT_SUN) {
         const Vec3 cone = sample_cap(u, sun_cap(light));
@@ -97,9 +115,10 @@ LightArrival light_arrival(const SceneLight *light, Vec3 p, Sample2 u) {
 }
 
 bool light_has_extent(const SceneLight *light) {
-    return light->kind == AMB_LIGHT_AREA  ? light->size[0] > 0.0f && light->size[1] > 0.0f
-           : light->kind == AMB_LIGHT_SUN ? light->angle > 0.0f
-                                          : light->radius > 0.0f;
+    return light->kind == LIGHT_MESH       ? false
+           : light->kind == AMB_LIGHT_AREA ? light->size[0] > 0.0f && light->size[1] > 0.0f
+           : light->kind == AMB_LIGHT_SUN  ? light->angle > 0.0f
+                                           : light->radius > 0.0f;
 }
 
 static Rgb sun_seen(const SceneLight *light, Vec3 d, float t_max, float *out_t) {
@@ -226,6 +245,31 @@ static LightRay emit_sun(const LightEmission *emission, uint64_t i, Sample2 latt
     return ray;
 }
 
+/* Full extents across a direction that have the covariance c of a mesh's places, by Cholesky's
+ * decomposition; x and y are unit and across. */
+static void spread_across(const float c[6], Vec3 x, Vec3 y, TangentPair pairs[]) {
+    static const float EXTENT = 3.4641016f; /* sqrt(12): of the interval of variance 1 */
+    const Vec3 cx = vec3(c[0] * x.x + c[3] * x.y + c[5] * x.z, c[3] * x.x + c[1] * x.y + c[4] * x.z,
+                         c[5] * x.x + c[4] * x.y + c[2] * x.z);
+    const Vec3 cy = vec3(c[0] * y.x + c[3] * y.y + c[5] * y.z, c[3] * y.x + c[1] * y.y + c[4] * y.z,
+                         c[5] * y.x + c[4] * y.y + c[2] * y.z);
+    const float first = safe_sqrtf(vec3_dot(x, cx));
+    const float both = first > 0.0f ? vec3_dot(y, cx) / first : 0.0f;
+    const float second = safe_sqrtf(vec3_dot(y, cy) - both * both);
+    pairs[TANGENT_LATTICE].dp = vec3_madd(vec3_scale(x, EXTENT * first), EXTENT * both, y);
+    pairs[TANGENT_LATTICE + 1].dp = vec3_scale(y, EXTENT * second);
+}
+
+/* Seen from another point of the light, the cap turns about the target. */
+static void turn_about_target(const LightEmission *emission, LightRay *ray) {
+    const float distance = vec3_length(vec3_sub(emission->target, ray->o));
+    for (int k = TANGENT_LATTICE; k < TANGENT_COUNT && distance > emission->target_radius; ++k) {
+        const Vec3 dp = ray->pairs[k].dp;
+        const Vec3 across = vec3_madd(dp, -vec3_dot(dp, ray->d), ray->d);
+        ray->pairs[k].dd = vec3_scale(across, -1.0f / distance);
+    }
+}
+
 LightRay light_emit(const LightEmission *emission, uint64_t i) {
     const SceneLight *light = emission->light;
     const Sample2 lattice = sample_fibonacci(i, emission->count, emission->shift_v);
@@ -234,7 +278,11 @@ LightRay light_emit(const LightEmission *emission, uint64_t i) {
 
     LightRay ray = {.o = light->position};
     float scale = 1.0f;
-    if (light->kind == AMB_LIGHT_AREA) {
+    LightPlace place = {.weight = light->color};
+    if (light->kind == LIGHT_MESH) {
+        place = light_mesh_place(light->mesh, source_sample(emission, i));
+        ray.o = place.p;
+    } else if (light->kind == AMB_LIGHT_AREA) {
         ray.o = area_point(light, source_sample(emission, i));
         scale = area_measure(light);
         const float extent = light->area_shape == AMB_AREA_ELLIPSE ? DISC_EXTENT : 2.0f;
@@ -248,15 +296,13 @@ LightRay light_emit(const LightEmission *emission, uint64_t i) {
     ray.d = vec3_normalize(frame_to_world(x, y, cap.axis, local));
     const Vec3 cap_x = x, cap_y = y;
     vec3_frame(ray.d, &x, &y);
-    if (light->kind == AMB_LIGHT_AREA) {
-        /* Seen from another point of the light, the cap turns about the target. */
-        const float distance = vec3_length(vec3_sub(emission->target, ray.o));
-        for (int k = TANGENT_LATTICE; k < TANGENT_COUNT && distance > emission->target_radius;
-             ++k) {
-            const Vec3 dp = ray.pairs[k].dp;
-            const Vec3 across = vec3_madd(dp, -vec3_dot(dp, ray.d), ray.d);
-            ray.pairs[k].dd = vec3_scale(across, -1.0f / distance);
-        }
+    if (light->kind == LIGHT_MESH) {
+        spread_across(light->mesh->spread[place.part], x, y, ray.pairs);
+        turn_about_target(emission, &ray);
+        scale = fabsf(vec3_dot(ray.d, place.n));
+        ray.o = light_place_leave(&place, ray.d);
+    } else if (light->kind == AMB_LIGHT_AREA) {
+        turn_about_target(emission, &ray);
         scale *= fmaxf(vec3_dot(ray.d, light->direction), 0.0f);
     } else if (light->radius > 0.0f) {
         /* The disc faces where the ray goes: the same intensity in every direction. The light
@@ -268,15 +314,29 @@ LightRay light_emit(const LightEmission *emission, uint64_t i) {
     if (light->kind == AMB_LIGHT_SPOT)
         scale *= spot_factor(light, ray.d);
     const float cell = 2.0f * AMB_PI * cap.one_minus_cos / (float)emission->count;
-    ray.flux = rgb_scale(light->color, scale * cell);
+    ray.flux = rgb_scale(place.weight, scale * cell);
     ray.pairs[0].dd = vec3_scale(x, sqrtf(cell));
     ray.pairs[1].dd = vec3_scale(y, sqrtf(cell));
     start_near_target(emission, &cap, cap_x, cap_y, local, &ray);
     return ray;
 }
 
+/* The mean over places spread over it, each of which sends half of what faces the target would. */
+static float mesh_power_towards(const LightEmission *emission) {
+    enum { PLACES = 16 };
+    const LightMesh *mesh = emission->light->mesh;
+    float sum = 0.0f;
+    for (uint64_t i = 0; i < PLACES; ++i) {
+        const LightPlace place = light_mesh_place(mesh, sample_r2(i, 0.5f, 0.5f));
+        sum += 0.5f * emission_cap(emission, place.p).one_minus_cos;
+    }
+    return (float)light_mesh_power(mesh) * 2.0f * AMB_PI * sum / (float)PLACES;
+}
+
 float light_power_towards(const LightEmission *emission) {
     const SceneLight *light = emission->light;
+    if (light->kind == LIGHT_MESH)
+        return mesh_power_towards(emission);
     const float color = rgb_mean(light->color);
     if (light->kind == AMB_LIGHT_SUN)
         return color * AMB_PI * emission->target_radius * emission->target_radius;

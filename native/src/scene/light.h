@@ -8,12 +8,15 @@
 #include "math/sampling.h"
 #include "math/vec3.h"
 #include "optics/tangent.h"
+#include "scene/light_mesh.h"
+
+enum { LIGHT_MESH = 0x100 }; /* a kind of its own: a mesh that emits light */
 
 typedef struct SceneLight {
     char *name;
-    uint32_t kind; /* AMB_LIGHT_* */
-    Rgb color;
-    Vec3 position;
+    uint32_t kind;  /* AMB_LIGHT_*, LIGHT_MESH */
+    Rgb color;      /* MESH: mean radiance, grey */
+    Vec3 position;  /* MESH: the middle of its places */
     Vec3 direction; /* unit, of travel */
     Vec3 x, y;      /* unit; with direction a frame. AREA: along its extents */
     float radius;   /* POINT, SPOT */
@@ -22,6 +25,7 @@ typedef struct SceneLight {
     float spot_blend, spot_cosine;
     float size[2]; /* AREA: half extents (half-axes of an ellipse) */
     uint32_t area_shape;
+    LightMesh *mesh; /* MESH; else NULL */
 } SceneLight;
 
 /* Sets the colour of a sun from what its directions give together, each on a plane of its own;
@@ -32,13 +36,14 @@ typedef struct LightArrival {
     Vec3 wi;        /* unit, from the point to the light */
     float distance; /* m; infinite for a sun */
     Rgb irradiance; /* on a plane perpendicular to wi, W/m^2, without occlusion */
+    float pdf;      /* MESH: of wi, 1/sr; else 0 */
 } LightArrival;
 
 /* One sample of what arrives at p, already divided by its pdf; u in [0,1)^2 picks the point of an
  * extended light. */
 LightArrival light_arrival(const SceneLight *light, Vec3 p, Sample2 u);
 
-/* Whether a camera can see it at all, and not only what it lights. */
+/* Whether a camera can see it, and not only what it lights or, of a mesh, the surface. */
 bool light_has_extent(const SceneLight *light);
 
 /* Radiance of the light along o + t d, d unit, and where, with t in (0, t_max]; black where it is

@@ -7,6 +7,7 @@
 
 #include "base/memory.h"
 #include "math/mat4.h"
+#include "scene/mesh_lamps.h"
 #include "scene/world_lamps.h"
 
 static const uint32_t *corner_indices(const SceneMesh *mesh, uint64_t triangle) {
@@ -17,6 +18,11 @@ static uint32_t triangle_material(const SceneMesh *mesh, const SceneObject *obje
                                   uint64_t triangle) {
     const uint32_t slot = mesh->slots != NULL ? mesh->slots[triangle] : 0;
     return object->materials[slot < object->material_count ? slot : object->material_count - 1];
+}
+
+const SceneMaterial *scene_material(const AmbScene *scene, const SceneObject *object,
+                                    uint64_t triangle) {
+    return &scene->materials[triangle_material(&scene->meshes[object->mesh], object, triangle)];
 }
 
 /* Whether the triangles wind clockwise seen from outside: the volume that they enclose is
@@ -224,7 +230,7 @@ static float room_around(const SceneObject *object) {
     return 1e-5f * fmaxf(fmaxf(far.x, far.y), far.z);
 }
 
-static bool boxes_meet(const SceneObject *a, const SceneObject *b) {
+bool scene_boxes_meet(const SceneObject *a, const SceneObject *b) {
     const float room = fmaxf(room_around(a), room_around(b));
     return a->low.x <= b->high.x + room && b->low.x <= a->high.x + room &&
            a->low.y <= b->high.y + room && b->low.y <= a->high.y + room &&
@@ -275,7 +281,7 @@ static AmbStatus find_neighbours(AmbScene *scene) {
             SceneObject *b = &scene->objects[order[k].object];
             const bool asks_a = a->is_boundary && !a->may_touch;
             const bool asks_b = b->is_boundary && !b->may_touch;
-            if ((asks_a || asks_b) && boxes_meet(a, b)) {
+            if ((asks_a || asks_b) && scene_boxes_meet(a, b)) {
                 a->may_touch |= asks_a;
                 b->may_touch |= asks_b;
             }
@@ -299,11 +305,53 @@ static AmbStatus add_world_lamp(AmbScene *scene, const WorldLamp *lamp) {
     return AMB_OK;
 }
 
-/* What light_from_world did. */
+/* What light_from_world and light_from_meshes did. */
 static void return_lamps(AmbScene *scene) {
+    const uint32_t given = scene->light_count - scene->world_lamp_count - scene->mesh_lamp_count;
+    if (scene->mesh_lamp_count > 0) {
+        SceneLight *meshes = scene->lights + given;
+        mesh_lamps_clear(meshes, scene->mesh_lamp_count);
+        memmove(meshes, meshes + scene->mesh_lamp_count, scene->world_lamp_count * sizeof *meshes);
+        scene->light_count -= scene->mesh_lamp_count;
+        scene->mesh_lamp_count = 0;
+    }
+    for (uint32_t i = 0; i < scene->object_count; ++i)
+        scene->objects[i].is_lamp = false;
     for (; scene->world_lamp_count > 0; --scene->world_lamp_count)
         memory_free(scene->lights[--scene->light_count].name);
     world_return_lamps(&scene->world);
+}
+
+static AmbStatus make_room_for_lights(AmbScene *scene, uint32_t count) {
+    SceneLight *lights = memory_alloc_array((uint64_t)scene->light_count + count, sizeof *lights);
+    if (lights == NULL)
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for lights");
+    if (scene->light_count > 0)
+        memcpy(lights, scene->lights, scene->light_count * sizeof *lights);
+    memory_free(scene->lights);
+    scene->lights = lights;
+    scene->light_room = scene->light_count + count;
+    return AMB_OK;
+}
+
+/* Meshes that emit light become lamps, before those of the world's image. */
+static AmbStatus light_from_meshes(AmbScene *scene) {
+    SceneLight lamps[MESH_LAMPS_MAX];
+    uint32_t count = 0;
+    AMB_TRY(mesh_lamps_take(scene, lamps, &count));
+    if (count == 0)
+        return AMB_OK;
+    const AmbStatus status = make_room_for_lights(scene, count);
+    if (status != AMB_OK) {
+        mesh_lamps_clear(lamps, count);
+        return status;
+    }
+    SceneLight *place = scene->lights + scene->light_count - scene->world_lamp_count;
+    memmove(place + count, place, scene->world_lamp_count * sizeof *place);
+    memcpy(place, lamps, count * sizeof *place);
+    scene->light_count += count;
+    scene->mesh_lamp_count = count;
+    return AMB_OK;
 }
 
 /* Suns in the world's image become lamps. */
@@ -314,14 +362,7 @@ static AmbStatus light_from_world(AmbScene *scene) {
     AMB_TRY(world_prepare(&scene->world));
     if (count == 0)
         return AMB_OK;
-    SceneLight *lights = memory_alloc_array((uint64_t)scene->light_count + count, sizeof *lights);
-    if (lights == NULL)
-        return status_fail(AMB_OUT_OF_MEMORY, "no memory for lights");
-    if (scene->light_count > 0)
-        memcpy(lights, scene->lights, scene->light_count * sizeof *lights);
-    memory_free(scene->lights);
-    scene->lights = lights;
-    scene->light_room = scene->light_count + count;
+    AMB_TRY(make_room_for_lights(scene, count));
     for (uint32_t i = 0; i < count; ++i)
         AMB_TRY(add_world_lamp(scene, &lamps[i]));
     return AMB_OK;
@@ -356,12 +397,12 @@ static Vec3d choose_origin(const AmbScene *scene) {
     return vec3d_scale((Vec3d){round(middle.x), round(middle.y), round(middle.z)}, step);
 }
 
-static Vec3 moved(Vec3 p, Vec3d origin) {
-    return vec3d_round(vec3d_sub(vec3d_from(p), origin));
+Vec3 scene_place(const AmbScene *scene, Vec3 p) {
+    return vec3d_round(vec3d_sub(vec3d_from(p), scene->origin));
 }
 
 static void place_camera(AmbScene *scene) {
-    scene->camera.position = moved(scene->camera.position, scene->origin);
+    scene->camera.position = scene_place(scene, scene->camera.position);
     scene->camera.target = scene->center;
     scene->camera.target_radius = scene->radius;
 }
@@ -378,6 +419,8 @@ static AmbStatus place_all(AmbScene *scene) {
         status = find_neighbours(scene);
     if (status == AMB_OK)
         status = light_from_world(scene);
+    if (status == AMB_OK)
+        status = light_from_meshes(scene);
     if (status != AMB_OK) {
         return_lamps(scene);
         for (uint32_t i = 0; i < scene->object_count; ++i)
@@ -386,7 +429,8 @@ static AmbStatus place_all(AmbScene *scene) {
     }
     bound_scene(scene);
     for (uint32_t i = 0; i < scene->light_count; ++i)
-        scene->lights[i].position = moved(scene->lights[i].position, origin);
+        if (scene->lights[i].kind != LIGHT_MESH) /* these are there */
+            scene->lights[i].position = scene_place(scene, scene->lights[i].position);
     place_camera(scene);
     return AMB_OK;
 }
@@ -477,8 +521,10 @@ void scene_clear(AmbScene *scene) {
         memory_free(scene->objects[i].name);
         memory_free(scene->objects[i].materials);
     }
-    for (uint32_t i = 0; i < scene->light_count; ++i)
+    for (uint32_t i = 0; i < scene->light_count; ++i) {
         memory_free(scene->lights[i].name);
+        light_mesh_destroy(scene->lights[i].mesh);
+    }
     memory_free(scene->materials);
     memory_free(scene->meshes);
     memory_free(scene->objects);
@@ -563,7 +609,6 @@ Vec3 scene_position(const AmbScene *scene, const Hit *hit) {
 
 SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit) {
     const SceneObject *object = &scene->objects[hit->geometry];
-    const SceneMesh *mesh = &scene->meshes[object->mesh];
     const Triangle triangle = triangle_at(scene, hit);
     const Vec3 e1 = vec3_sub(triangle.p[1], triangle.p[0]);
     const Vec3 e2 = vec3_sub(triangle.p[2], triangle.p[0]);
@@ -585,7 +630,7 @@ SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit) {
         if (length > 0.0f && side != 0.0f)
             surface.ns = vec3_scale(n, copysignf(1.0f / length, side));
     }
-    surface.material = &scene->materials[triangle_material(mesh, object, hit->triangle)];
+    surface.material = scene_material(scene, object, hit->triangle);
     surface.object = hit->geometry;
     surface.hit = *hit;
     return surface;
@@ -615,6 +660,14 @@ Vec3 scene_normal_derivative(const AmbScene *scene, const Hit *hit, Vec3 dp) {
     if (scene->objects[hit->geometry].is_flipped)
         ng = vec3_negate(ng);
     return vec3_dot(n, ng) < 0.0f ? vec3_negate(dn) : dn;
+}
+
+float scene_lamp_pdf(const SurfacePoint *surface, const SceneObject *object, Vec3 p) {
+    const Vec3 way = vec3_sub(surface->p, p);
+    const float distance = vec3_length(way);
+    const float cosine = fabsf(vec3_dot(way, surface->ng)) / distance;
+    const double density = (double)rgb_mean(surface->material->emission) / object->lamp_power;
+    return cosine > 0.0f ? (float)density * distance * distance / cosine : 0.0f;
 }
 
 Vec3 scene_leave(const SurfacePoint *surface, Vec3 d) {

@@ -52,6 +52,8 @@ typedef struct SceneObject {
     bool has_two_media; /* triangles of different dielectrics, of which one fills it */
     uint32_t inside;    /* material whose medium fills it: the dielectric of most triangles */
     bool may_touch;     /* its box meets that of another object */
+    bool is_lamp;       /* what it emits is one of the lights, */
+    double lamp_power;  /* and that is the light_mesh_power of this light */
     Vec3 low, high;     /* bounding box; low > high: no triangle */
     Vec3 center;        /* bounding sphere */
     float radius;
@@ -65,7 +67,8 @@ struct AmbScene {
     uint32_t material_count, mesh_count, object_count, light_count;
     uint32_t material_room, mesh_room, object_room, light_room;
     World world;
-    uint32_t world_lamp_count; /* of lights: the last ones, taken out of the world's image */
+    uint32_t world_lamp_count; /* of lights: the last ones, taken out of the world's image; */
+    uint32_t mesh_lamp_count;  /* before these: objects that emit light */
     SceneCamera camera;
     bool has_camera;
     bool is_committed;
@@ -101,6 +104,9 @@ void scene_set_camera(AmbScene *scene, const SceneCamera *camera);
 
 void scene_clear(AmbScene *scene);
 
+/* A place in the world, counted from the scene's origin. */
+Vec3 scene_place(const AmbScene *scene, Vec3 p);
+
 /* Bytes of geometry and accelerator. */
 uint64_t scene_bytes(const AmbScene *scene);
 
@@ -121,6 +127,22 @@ bool scene_closest(const AmbScene *scene, Vec3 p, float reach, Vec3 *out_point);
 /* The point is a millionth inside of the triangle's edges: a path that goes on from it does not
  * slip between two triangles. */
 SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit);
+
+/* Emission of an opaque surface that is not one of the lights': found by chance, where paths end on
+ * it. The rest is found as that of lamps is. */
+static inline Rgb scene_chance_emission(const AmbScene *scene, const SurfacePoint *surface) {
+    const bool is_lamp = scene->objects[surface->object].is_lamp;
+    return is_lamp ? rgb(0, 0, 0) : surface->material->emission;
+}
+
+/* Density with which shadow rays from p are sent to that place of a mesh that is a lamp, 1/sr. */
+float scene_lamp_pdf(const SurfacePoint *surface, const SceneObject *object, Vec3 p);
+
+const SceneMaterial *scene_material(const AmbScene *scene, const SceneObject *object,
+                                    uint64_t triangle);
+
+/* Whether their boxes meet, but for rounding. */
+bool scene_boxes_meet(const SceneObject *a, const SceneObject *b);
 
 /* Exactly at u, v: the same bits for neighbours that share a corner or the middle of an edge. */
 Vec3 scene_position(const AmbScene *scene, const Hit *hit);

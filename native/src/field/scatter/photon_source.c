@@ -151,5 +151,5 @@ Rgb photon_surface_radiance(const AmbScene *scene, const SurfacePoint *surface, 
             radiance = rgb_add(radiance, rgb_mul(surface->material->albedo,
                                                  world_radiance_but_lamps(&scene->world, wi)));
     }
-    return rgb_add(radiance, surface->material->emission);
+    return rgb_add(radiance, scene_chance_emission(scene, surface));
 }

@@ -28,7 +28,8 @@ uint64_t photon_source_count(const PhotonSource *source, uint32_t object);
 Photon photon_emit(const PhotonSource *source, uint64_t i);
 
 /* Radiance that an opaque surface outside of all media sends along d: lamps and the world straight
- * from there, as for camera paths, translucent objects casting black shadows. Three random numbers
+ * from there, as for camera paths, translucent objects casting black shadows, and its own emission
+ * unless it is one of the lamps. Three random numbers
  * for each lamp and for the world, from `dimension` on. */
 Rgb photon_surface_radiance(const AmbScene *scene, const SurfacePoint *surface, Vec3 d, Rng rng,
                             uint32_t dimension);

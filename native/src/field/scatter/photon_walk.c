@@ -516,6 +516,9 @@ void photon_walk(const PhotonWalk *walk, uint64_t i, float *const *moments,
     if (!(rgb_max(photon.flux) > 0.0f))
         return;
     const bool is_of_lamp = photon.batch->emission.light != NULL;
+    MediumStack start;
+    if (!light_batch_start(walk->scene, photon.batch, photon.o, &start))
+        return;
     const float rank = sample_fibonacci_rank(i - photon.batch->first, photon.batch->shift);
     Walker walker = {.walk = walk,
                      .moments = moments,
@@ -526,7 +529,7 @@ void photon_walk(const PhotonWalk *walk, uint64_t i, float *const *moments,
                      .o = photon.o,
                      .d = photon.d,
                      .flux = photon.flux,
-                     .stack = photon.batch->start,
+                     .stack = start,
                      .is_of_surroundings = !is_of_lamp,
                      .is_straight = is_of_lamp};
     ++tally->photon_count;

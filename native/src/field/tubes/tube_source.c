@@ -26,7 +26,7 @@ static void half_axes(const SceneLight *light, float out[2]) {
 }
 
 uint32_t tube_source_cells(const SceneLight *light, const SceneObject *object) {
-    if (!(rgb_max(light->color) > 0.0f))
+    if (!(rgb_max(light->color) > 0.0f) || light->kind == LIGHT_MESH)
         return 0;
     if (!is_extended(light))
         return 1;

@@ -16,8 +16,8 @@ typedef struct TubeSource {
 
 enum { TUBE_CELLS_MAX = 6 }; /* along each axis */
 
-/* Cells along each axis that a light is cut into for the object; 0 for a black one. More than
- * TUBE_CELLS_MAX: the light is too large, seen from there, and gets that many. */
+/* Cells along each axis that a light is cut into for the object; 0 for a black one and a mesh. More
+ * than TUBE_CELLS_MAX: the light is too large, seen from there, and gets that many. */
 uint32_t tube_source_cells(const SceneLight *light, const SceneObject *object);
 
 /* Cells of all lights for one object, in the order of lights. The caller frees *out_sources. */
