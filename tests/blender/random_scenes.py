@@ -73,6 +73,10 @@ def run(first, count, say=print, verbose=False):
                     say(line)
             if verbose:
                 say(output.read_text(errors="replace"))
+            if done < end and not is_built and process.returncode >= 0:
+                # No signal ended it: nothing of ours could even start.
+                tail = output.read_text(errors="replace")[-3000:]
+                raise RuntimeError(f"{BLENDER} did not come to scene {done}: {tail}")
             if done < end:
                 outcomes[FAILED if is_built else BLENDERS] += 1
                 tail = output.read_text(errors="replace")[-3000:] if is_built else "by itself"

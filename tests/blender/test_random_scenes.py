@@ -15,3 +15,9 @@ def test_random_scenes():
     assert outcomes[random_scenes.FAILED] == 0, "\n".join(said)
     # A generator of errors alone would show little.
     assert outcomes[random_scenes.PICTURE] >= 5
+
+
+def test_scenes_that_cannot_start_are_a_failure(monkeypatch):
+    monkeypatch.setattr(random_scenes, "BLENDER", "true")
+    with pytest.raises(RuntimeError, match="did not come to scene 7"):
+        random_scenes.run(7, 2)

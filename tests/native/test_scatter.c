@@ -299,6 +299,23 @@ static void flux_is_kept(void) {
     }
 }
 
+/* In white media a photon scatters as often as the object is free paths wide, on average: here the
+ * longest walks go on by chance, and flux is kept on average. */
+static void long_walks_are_few(void) {
+    const float sigmas[2] = {1e4f, 1e7f};
+    for (int i = 0; i < 2; ++i) {
+        AmbScene *scene = furnace(shape_resin(1.5f, sigmas[i], 0.0f, 0.0f));
+        const ScatterParams params = world_params(i == 0 ? 4000 : 200);
+        Scatter *scatter = trace(scene, &params, 1);
+        const ScatterTally *tally = scatter_tally(scatter);
+        ENSURE(tally->collision_count < 10000 * tally->photon_count);
+        if (i == 0)
+            ENSURE_NEAR(tally->escaped[1] / tally->entered[1], 1.0, 0.04);
+        scatter_destroy(scatter);
+        amb_scene_destroy(scene);
+    }
+}
+
 /* Where nothing is absorbed radiance inside is n^2 times the world's, whatever the medium: what
  * has not scattered, or straight on alone, is the rest. */
 static void white_furnace(void) {
@@ -455,6 +472,7 @@ void test_scatter(void) {
     RUN(sheets_have_no_inside);
     RUN(volumes_of_a_box);
     RUN(flux_is_kept);
+    RUN(long_walks_are_few);
     RUN(white_furnace);
     RUN(no_light_is_negative);
     RUN(cells_by_chance_have_the_same_mean);

@@ -17,6 +17,12 @@ enum { STILL_MAX = 64 };
  * are not worth their time, and none is lost on average. */
 static const float ROULETTE_SHARE = 0.25f;
 
+/* From so many scatterings on half the photons go on with twice the flux, and again wherever the
+ * number doubles: the share of light that a dense white medium still holds after n scatterings
+ * falls as the root of n, so that its few longest walks would take nearly all the time, as many
+ * scatterings on average as the object is free paths wide. */
+static const uint32_t ORDER_LONG = 1 << 12;
+
 typedef struct Walker {
     const PhotonWalk *walk;
     float *const *moments;
@@ -122,6 +128,16 @@ static bool find_depth(Walker *walker, uint32_t object) {
     return true;
 }
 
+/* Whether a walk that has become twice as long goes on. */
+static bool outlasts(Walker *walker) {
+    const bool has_doubled = (walker->order & (walker->order - 1)) == 0;
+    if (walker->order < ORDER_LONG || !has_doubled)
+        return true;
+    walker->flux = rgb_scale(walker->flux, 2.0f);
+    walker->worth *= 2.0f;
+    return next_random(walker) < 0.5f;
+}
+
 /* Flux per collision coefficient arrives at a collision: adds it to the cells, then scatters. */
 static bool collide(Walker *walker, const Medium *medium, uint32_t object, Rgb stretch) {
     const ScatterCells *cells = &walker->walk->cells[object];
@@ -168,7 +184,7 @@ static bool collide(Walker *walker, const Medium *medium, uint32_t object, Rgb s
     }
     walker->d = scatter_direction(walker->d, medium->lobes[lobe].g, u[3], u[4]);
     walker->way = 0.0f;
-    return true;
+    return outlasts(walker);
 }
 
 /* Whether light that scatters once more would be left out. */
