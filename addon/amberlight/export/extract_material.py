@@ -106,11 +106,6 @@ class _MaterialReader(TreeReader):
             capped = (min(albedo[0], 1.0), min(albedo[1], 1.0), min(albedo[2], 1.0))
             if capped != albedo:
                 self.warn(terms[0].node, "reflects more light than it gets, limited to white")
-            if any(emission):
-                self.warn(
-                    next(term.node for term in terms if any(term.emission)),
-                    "an emitting surface is seen but lights nothing",
-                )
             return replace(terms[0], albedo=capped, emission=emission)
         best = max(terms, key=lambda term: (term.rank, term.weight))
         lost = [term.node.name for term in terms if term is not best]
