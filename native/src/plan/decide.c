@@ -134,8 +134,8 @@ static double sum_omitted(const Search *search) {
            rest_of(search, PLAN_SURFACE_REFLECTION) + rest_of(search, PLAN_BACKGROUND);
 }
 
-/* What a render of the choice takes, but for a factor: what is left out takes room from noise. */
-static double predict_cost(const Search *search, double omitted) {
+/* Of a sample of the choice, in gathers. */
+static double sample_cost(const Search *search) {
     EffectChoice choice = {.camera_step = 0};
     for (uint32_t c = 0; c < CANDIDATE_COUNT; ++c) {
         const uint32_t step = search->is_open[c] ? search->choice.steps[c] : 0;
@@ -145,8 +145,13 @@ static double predict_cost(const Search *search, double omitted) {
         if (CANDIDATES[c].effect == PLAN_LIGHT_BOUNCES)
             choice.light_step = step;
     }
+    return effect_cost(&search->work, &choice);
+}
+
+/* What a render of the choice takes, but for a factor: what is left out takes room from noise. */
+static double predict_cost(const Search *search, double omitted) {
     const double room = search->aim * search->aim - omitted * omitted;
-    return effect_cost(&search->work, &choice) * pow(room, -SAMPLES_ORDER);
+    return sample_cost(search) * pow(room, -SAMPLES_ORDER);
 }
 
 /* Whether a candidate may be left at a step: what it leaves does not show, or what leaving it shows
@@ -266,6 +271,20 @@ static void choose_targets(const AmbScene *scene, double limit, Plan *plan) {
     plan->omitted += sum;
 }
 
+static void forecast_walks(const EffectShares *shares, const Search *search, Plan *plan) {
+    static const uint32_t by_walks[][2] = {{PLAN_DOUBLE_SCATTERING, SHARE_DOUBLE},
+                                           {PLAN_MULTIPLE_SCATTERING, SHARE_MULTIPLE},
+                                           {PLAN_WORLD_LIGHT, SHARE_WORLD_LIGHT}};
+    double square = 0.0;
+    for (uint32_t i = 0; i < sizeof by_walks / sizeof by_walks[0]; ++i) {
+        const double noise = effect_noise(shares, by_walks[i][1]);
+        square += plan->effects[by_walks[i][0]].is_simulated ? noise * noise : 0.0;
+    }
+    plan->walks.is_known = true;
+    plan->walks.noise = sqrt(square);
+    plan->walks.cost = sample_cost(search);
+}
+
 void decide(const AmbScene *scene, const EffectShares *shares, double accuracy, double part,
             Plan *plan) {
     Search search = {.plan = plan,
@@ -285,6 +304,7 @@ void decide(const AmbScene *scene, const EffectShares *shares, double accuracy, 
     for (uint32_t c = 0; c < CANDIDATE_COUNT; ++c)
         if (search.is_open[c])
             apply(&search, c, &plan->effects[CANDIDATES[c].effect]);
+    forecast_walks(shares, &search, plan);
     if (plan->effects[PLAN_SINGLE_SCATTERING].is_simulated)
         choose_targets(scene, DARK_OBJECTS_PART * plan->share_min, plan);
 }

@@ -246,6 +246,12 @@ EffectWork effect_work(const EffectShares *shares) {
     return work;
 }
 
+double effect_noise(const EffectShares *shares, uint32_t share) {
+    if (shares->probe_count == 0 || !(shares->radiance > 0.0))
+        return 0.0;
+    return sqrt(shares->image[share].variance / (double)shares->probe_count) / shares->radiance;
+}
+
 static Share estimate(const EffectShares *shares, const ShareSum *sums, uint32_t share) {
     return share_estimate(&sums[share], shares->probe_count, shares->radiance,
                           shares->radiance_error);

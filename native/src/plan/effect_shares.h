@@ -54,6 +54,9 @@ AmbStatus effect_shares_measure(EffectShares *shares, const EffectProbe *probe, 
 /* Of one camera sample. */
 EffectWork effect_work(const EffectShares *shares);
 
+/* The noise that one sample has of what it finds of a share, in units of the mean radiance. */
+double effect_noise(const EffectShares *shares, uint32_t share);
+
 Share effect_share(const EffectShares *shares, uint32_t share);
 Share effect_share_of(const EffectShares *shares, uint32_t object, uint32_t share);
 

@@ -312,6 +312,7 @@ static AmbStatus decide_by_shares(const AmbScene *scene, const AmbRenderParams *
             status = measure(scene, params, &view, light, least, probes, job, &shares, plan);
         if (status == AMB_OK) {
             decide_describe(&shares, plan);
+            plan->walks.pixels = view.part * (double)crop->width * (double)crop->height;
             if (plan->is_automatic)
                 decide(scene, &shares, (double)params->accuracy, is_clear ? CLEAR_SHARE : 1.0,
                        plan);

@@ -46,6 +46,15 @@ typedef struct PlanObject {
     Share share;
 } PlanObject;
 
+/* What probes say of a camera sample that walks bring later orders and light of the surroundings:
+ * what tells whether photons are the cheaper ones. */
+typedef struct PlanWalks {
+    bool is_known;
+    double noise;  /* one sample's, of the effects to be simulated, relative to the mean radiance */
+    double cost;   /* in gathers (effect_cost.h) */
+    double pixels; /* that show an object */
+} PlanWalks;
+
 typedef struct Plan {
     PlanEffect effects[PLAN_EFFECT_COUNT];
     bool is_dark;        /* no ray of a lamp brings light to an object */
@@ -61,7 +70,8 @@ typedef struct Plan {
     uint32_t estimator;           /* resolved, not AUTO */
     uint32_t tube_bounces;        /* of the light's reflections, those that tubes would follow */
     const char *estimator_reason; /* one phrase, static storage */
-    uint32_t scatter_estimator;   /* resolved, not AUTO; of no effect without later orders */
+    PlanWalks walks;
+    uint32_t scatter_estimator; /* resolved, not AUTO; of no effect without later orders */
     const char *scatter_estimator_reason; /* one phrase, static storage */
     bool has_points; /* the light pass is run: for volume samples, of all light or of what tubes
                       * do not carry */

@@ -3,6 +3,7 @@
 #include "plan/plan_caustics.h"
 
 #include "plan/light_probe.h"
+#include "plan/plan_scatter.h"
 #include "plan/scene_rules.h"
 
 /* One light ray for caustics for so many volume samples: for a million of them a map is finer than
@@ -110,16 +111,6 @@ AmbStatus plan_measure_caustics(const AmbScene *scene, const AmbRenderParams *pa
     return AMB_OK;
 }
 
-static uint32_t last_order(const AmbRenderParams *params, const Plan *plan) {
-    uint32_t last = 1;
-    if (plan->effects[PLAN_DOUBLE_SCATTERING].is_simulated)
-        last = 2;
-    if (plan->effects[PLAN_MULTIPLE_SCATTERING].is_simulated)
-        return params->scatter_order_max;
-    const uint32_t most = params->scatter_order_max;
-    return most > 0 && most < last ? most : last;
-}
-
 void plan_glow(const AmbScene *scene, const AmbRenderParams *params, Plan *plan) {
     const uint32_t orders =
         plan->camera.effects & (AMB_EFFECT_SINGLE_SCATTERING | AMB_EFFECT_DOUBLE_SCATTERING |
@@ -133,7 +124,7 @@ void plan_glow(const AmbScene *scene, const AmbRenderParams *params, Plan *plan)
         return;
     plan->caustics.glow = plan->scatter;
     plan->caustics.glow.photon_count = params->light_samples / SAMPLES_PER_CAUSTIC_RAY + 1;
-    plan->caustics.glow.order_max = last_order(params, plan);
+    plan->caustics.glow.order_max = plan_last_order(params, plan);
     plan->caustics.glow.has_world = has_world;
     /* Photons for cells land as well. A target asks for numbers of either kind. */
     const ScatterParams *cells = &plan->scatter;

@@ -11,4 +11,7 @@ void plan_scatter(const AmbScene *scene, const AmbRenderParams *params, Plan *pl
 /* The most photons that a render to a target takes. */
 uint64_t plan_photons_most(const AmbRenderParams *params);
 
+/* Scatterings after which no light is wanted; 0: no limit. */
+uint32_t plan_last_order(const AmbRenderParams *params, const Plan *plan);
+
 #endif

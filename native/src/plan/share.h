@@ -19,6 +19,7 @@ typedef struct ShareSum {
     double square, square_square;  /* sums over the probes of weight D_a D_b, and its square */
     double mean, mean_square;      /* the same of weight (D_a + D_b) / 2 */
     double square_most, mean_most; /* the largest of either */
+    double variance;               /* sum of weight (D_a - D_b)^2 / 2: of one sample */
 } ShareSum;
 
 static inline void share_add(ShareSum *sum, double weight, Rgb a, Rgb b) {
@@ -30,6 +31,8 @@ static inline void share_add(ShareSum *sum, double weight, Rgb a, Rgb b) {
     sum->mean_square += mean * mean;
     sum->square_most = fmax(sum->square_most, square);
     sum->mean_most = fmax(sum->mean_most, mean);
+    const Rgb difference = rgb_add(a, rgb_scale(b, -1.0f));
+    sum->variance += 0.5 * weight * (double)rgb_mean(rgb_mul(difference, difference));
 }
 
 typedef struct Share {

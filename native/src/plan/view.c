@@ -148,6 +148,7 @@ static AmbStatus group(const Survey *survey, View *view) {
         total += view->areas[o];
     }
     view->firsts[scene->object_count] = view->count;
+    view->part = total / (double)cells;
     for (uint32_t o = 0; o < scene->object_count && total > 0.0; ++o)
         view->areas[o] /= total;
     return AMB_OK;

@@ -17,6 +17,7 @@ typedef struct View {
     double *areas;       /* by object: its share of the pixels that show any */
     double *reflections; /* by pixel, running sums of what view_weigh_reflections found; or NULL */
     uint32_t object_count, visible_count;
+    double part;     /* of the rectangle's pixels, those that show an object */
     bool has_opaque; /* an opaque surface is seen */
 } View;
 

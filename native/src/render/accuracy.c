@@ -9,7 +9,7 @@
 #include "render/render.h"
 #include "render/survey.h"
 
-enum { SAMPLES_FIRST = 4, SAMPLES_MEAN_MAX = 4096 };
+enum { SAMPLES_MEAN_MAX = 4096 };
 /* A round aims at this part of the noise wanted. */
 static const double NOISE_MARGIN = 0.97;
 /* A round has this part of the samples so far at least: to measure the noise and to plan costs what
@@ -148,8 +148,8 @@ static AmbStatus run_rounds(AmbRender *render, const Field *field, Survey *surve
     Accuracy *accuracy = &render->accuracy;
     const uint64_t pixels = (uint64_t)render->film.width * render->film.height;
     for (uint64_t i = 0; i < pixels; ++i)
-        survey->quotas[i] = SAMPLES_FIRST;
-    uint64_t given = SAMPLES_FIRST * pixels;
+        survey->quotas[i] = ACCURACY_SAMPLES_FIRST;
+    uint64_t given = ACCURACY_SAMPLES_FIRST * pixels;
     double done = 0.0, missing = (double)given;
     for (;;) {
         render_expect(render, done + missing);

@@ -20,6 +20,9 @@
 
 struct AmbRender;
 
+/* Of each pixel, before anything is known of its noise. */
+enum { ACCURACY_SAMPLES_FIRST = 4 };
+
 /* What levels of a part of the field told of its error. */
 typedef struct FieldMeasure {
     Probe probe; /* empty unless fields were compared */

@@ -9,9 +9,15 @@
 static const double SCATTER_SHARE = 0.7;
 /* Where the field's error alone exceeds the target, photons' of this part of it is good enough. */
 static const double SCATTER_OF_FIELD = 0.5;
-/* The error of four times as many photons is smaller by 4^(1/3), and a third of its square stays.
- */
-static const FieldPrior PHOTON_PRIOR = {{1.587, 0.333}, 1.3, 2.5, 0.85};
+/* n photons leave an error in n^(-1/3), a third of whose square is the same for neighbours. */
+static const double ERROR_ORDER = 1.0 / 3.0, CORRELATION = 0.1;
+/* The error is known from neighbours: the numbers asked for by it are for this part of the limit,
+ * and what comes out a little above the limit is good enough. */
+static const double LIMIT_AIM = 0.93, LIMIT_SLACK = 1.08;
+/* Of one number and the next. The farther apart, the more hangs on the law above. */
+static const double STEP_MIN = 1.5, STEP_MAX = 8.0, FIRST_STEP = 4.0;
+/* What a few pixels tell of the noise of all may be less. */
+static const double NOISE_MARGIN = 1.15;
 /* Between the seeds of levels: their errors must have nothing in common but what cells blur. */
 static const uint32_t SEED_STEP = 0x9e3779b9u;
 
@@ -23,14 +29,25 @@ static AmbStatus look(AmbRender *render, const Field *field, const Scatter *coar
                         (const Scatter *const[2]){coarse, scatter}, false);
 }
 
+/* step: times the photons of the level before the newest. */
+static void take_error(Accuracy *accuracy, double step) {
+    const Probe *probe = &accuracy->scatter_probe;
+    const uint32_t top = probe->level_count - 1;
+    const double ratio = pow(step, ERROR_ORDER);
+    const double both = 1.0 + ratio * ratio - 2.0 * CORRELATION * ratio;
+    const double square = probe->differences.squares[top - 1][top] / both;
+    accuracy->scatter = probe->radiance > 0.0 ? sqrt(square) / probe->radiance : 0.0;
+}
+
 static AmbStatus measure_first(AmbRender *render, const Field *field, const Scatter *fine) {
     ScatterParams *params = &render->plan.scatter;
     const ScatterParams kept = *params;
     const ScatterAccount account = render->scatter;
-    params->photon_count = kept.photon_count > 4 ? kept.photon_count / 4 : 1;
+    params->photon_count = (uint64_t)fmax((double)kept.photon_count / FIRST_STEP, 1.0);
     params->seed = kept.seed - SEED_STEP;
     Scatter *coarse = NULL;
     AmbStatus status = render_build_scatter(render, &coarse);
+    const double step = (double)kept.photon_count / (double)params->photon_count;
     *params = kept;
     render->scatter = account;
     render->plan.camera.scatter = fine;
@@ -39,30 +56,39 @@ static AmbStatus measure_first(AmbRender *render, const Field *field, const Scat
     if (status == AMB_OK)
         status = look(render, field, coarse, fine);
     scatter_destroy(coarse);
+    if (status == AMB_OK)
+        take_error(&render->accuracy, step);
     return status;
 }
 
-static void take_error(Accuracy *accuracy) {
-    const Probe *probe = &accuracy->scatter_probe;
-    const uint32_t top = probe->level_count - 1;
-    const double square = field_error_square(&probe->differences, top, &PHOTON_PRIOR);
-    accuracy->scatter = probe->radiance > 0.0 ? sqrt(square) / probe->radiance : 0.0;
-}
-
+/* Where samples to begin with leave less noise than their share, and no caustics are to come, the
+ * rest is photons'. */
 static double scatter_limit(const Accuracy *accuracy) {
     const double aim = accuracy_aim(accuracy);
     const double room =
         aim * aim - accuracy->omitted * accuracy->omitted - accuracy->field * accuracy->field;
     const double least = SCATTER_OF_FIELD * accuracy->field;
-    return fmax(SCATTER_SHARE * sqrt(fmax(room, 0.0)), least);
+    const double limit = fmax(SCATTER_SHARE * sqrt(fmax(room, 0.0)), least);
+    const Probe *probe = &accuracy->scatter_probe;
+    if (!accuracy->has_caustics || !(probe->radiance > 0.0))
+        return limit;
+    const double noise =
+        NOISE_MARGIN * probe_noise(probe, ACCURACY_SAMPLES_FIRST) / probe->radiance;
+    return fmax(limit, sqrt(fmax(room - noise * noise, 0.0)));
 }
 
-/* Four times the photons; *out_is_left_out where they go beyond the limit of memory. */
-static AmbStatus climb(AmbRender *render, const Field *field, Scatter **scatter,
+/* Times the photons so far that leave so much of the limit. */
+static double find_step(const Accuracy *accuracy) {
+    const double excess = accuracy->scatter / (LIMIT_AIM * scatter_limit(accuracy));
+    return fmin(fmax(pow(excess, 1.0 / ERROR_ORDER), STEP_MIN), STEP_MAX);
+}
+
+/* More photons; *out_is_left_out where they go beyond the limit of memory. */
+static AmbStatus climb(AmbRender *render, const Field *field, uint64_t count, Scatter **scatter,
                        bool *out_is_left_out) {
     ScatterParams *params = &render->plan.scatter;
     const ScatterParams kept = *params;
-    params->photon_count *= 4;
+    params->photon_count = count;
     params->seed += SEED_STEP;
     Scatter *finer = NULL;
     const AmbStatus status = render_build_scatter(render, &finer);
@@ -73,7 +99,9 @@ static AmbStatus climb(AmbRender *render, const Field *field, Scatter **scatter,
         return *out_is_left_out ? AMB_OK : status;
     scatter_destroy(*scatter);
     *scatter = finer;
-    return look(render, field, NULL, finer);
+    AMB_TRY(look(render, field, NULL, finer));
+    take_error(&render->accuracy, (double)count / (double)kept.photon_count);
+    return AMB_OK;
 }
 
 AmbStatus accuracy_refine_scatter(AmbRender *render, const Field *field, Scatter **scatter) {
@@ -90,21 +118,22 @@ AmbStatus accuracy_refine_scatter(AmbRender *render, const Field *field, Scatter
     }
     AMB_TRY(status);
     accuracy->has_scatter = true;
-    take_error(accuracy);
-    const uint64_t most = plan_photons_most(&render->params);
-    while (accuracy->scatter > scatter_limit(accuracy)) {
+    const double most = (double)plan_photons_most(&render->params);
+    while (accuracy->scatter > LIMIT_SLACK * scatter_limit(accuracy)) {
+        const double have = (double)params->photon_count;
+        const double count = floor(fmin(have * find_step(accuracy), most));
         bool is_left_out = render->is_reduced;
-        if (!is_left_out && 4 * params->photon_count > most) {
+        if (!is_left_out &&
+            (count < STEP_MIN * have || accuracy->scatter_probe.level_count == FIELD_LEVEL_MAX)) {
             accuracy->limit = "photons: 16 times those of light_samples are the most";
             break;
         }
         if (!is_left_out)
-            AMB_TRY(climb(render, field, scatter, &is_left_out));
+            AMB_TRY(climb(render, field, (uint64_t)count, scatter, &is_left_out));
         if (is_left_out) {
             accuracy->limit = "photons: more of them go beyond memory_limit";
             break;
         }
-        take_error(accuracy);
     }
     return AMB_OK;
 }

@@ -3,8 +3,7 @@
  *
  * All pixels share the photons, so no pixel's samples see their noise, nor what cells blur. Photons
  * a quarter as many with other random numbers make another picture along the same camera rays; both
- * parts of the error fall with n^(-1/3), and where cells are of the best size for n the blur is a
- * third of the square (theory.md 16). */
+ * parts of the error fall with n^(-1/3) (theory.md 16). */
 #ifndef AMB_RENDER_ACCURACY_SCATTER_H
 #define AMB_RENDER_ACCURACY_SCATTER_H
 
@@ -12,8 +11,8 @@
 
 struct AmbRender;
 
-/* After the light field: measures *scatter's error, and replaces it by ones of four times as many
- * photons until it leaves room for noise, within bounds of memory. Nothing without photons. */
+/* After the light field: measures *scatter's error, and replaces it by ones of as many photons as
+ * the law says until it leaves room for noise, within bounds of memory. Nothing without photons. */
 AmbStatus accuracy_refine_scatter(struct AmbRender *render, const Field *field, Scatter **scatter);
 
 #endif

@@ -181,6 +181,26 @@ ProbeMean probe_mean(const Probe *probe, uint8_t shows) {
     return mean;
 }
 
+/* Noise of n samples falls as n^-3/4 at edges (survey.c). */
+static const double NOISE_ORDER = 1.5;
+
+double probe_noise(const Probe *probe, uint32_t samples) {
+    const uint64_t blocks = (uint64_t)probe->blocks_x * probe->blocks_y;
+    const uint32_t newest = probe->level_count - 1;
+    const uint8_t shows = compared(probe);
+    double sum = 0.0;
+    uint64_t count = 0;
+    for (uint64_t i = 0; i < blocks; ++i)
+        if (is_in(probe, i, shows)) {
+            const Rgb d = rgb_add(half_radiance(probe, i, newest, 0),
+                                  rgb_scale(half_radiance(probe, i, newest, 1), -1.0f));
+            const double more = (double)probe->levels[newest][i].count / samples;
+            sum += 0.25 * (double)rgb_mean(rgb_mul(d, d)) * pow(more, NOISE_ORDER);
+            ++count;
+        }
+    return count > 0 ? sqrt(sum / (double)count) : 0.0;
+}
+
 static void compare_levels(Probe *probe) {
     const ProbeMean mean = probe_mean(probe, compared(probe));
     probe->differences = mean.differences;

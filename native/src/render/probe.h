@@ -61,6 +61,10 @@ AmbStatus probe_refine(Probe *probe, const ProbeSight sights[], bool has_folds, 
 /* Over the pixels that show one of these (PROBE_*), or all of them for 0. */
 ProbeMean probe_mean(const Probe *probe, uint8_t shows);
 
+/* The noise that so many samples of each pixel leave in the newest level, root mean square over the
+ * pixels that are compared, by the halves of theirs; more than less where edges have most of it. */
+double probe_noise(const Probe *probe, uint32_t samples);
+
 /* Squared difference of two levels in a block's pixel, mean over channels, noise included. */
 float probe_block_square(const Probe *probe, uint64_t block, uint32_t a, uint32_t b);
 
