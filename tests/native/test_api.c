@@ -59,6 +59,7 @@ static void library_says_what_it_is(void) {
     ENSURE(amb_struct_size(AMB_STRUCT_RENDER_PARAMS) == sizeof(AmbRenderParams));
     ENSURE(amb_struct_size(AMB_STRUCT_PROGRESS) == sizeof(AmbProgress));
     ENSURE(amb_struct_size(AMB_STRUCT_WORLD_IMAGE) == sizeof(AmbWorldImage));
+    ENSURE(amb_struct_size(AMB_STRUCT_TEXTURE) == sizeof(AmbTexture));
     ENSURE(amb_struct_size(AMB_STRUCT_COUNT) == 0 && amb_struct_size(UINT32_MAX) == 0);
     ENSURE(strcmp(amb_status_name(AMB_OK), "OK") == 0);
     ENSURE(strcmp(amb_status_name(AMB_INTERNAL), "INTERNAL") == 0);
@@ -111,6 +112,11 @@ static void null_is_refused_or_harmless(void) {
     FAILS(amb_scene_add_light, (NULL, &light, &id), bad, "scene");
     FAILS(amb_scene_add_light, (scene, NULL, &id), bad, "light");
     FAILS(amb_scene_add_light, (scene, &light, NULL), bad, "out_id");
+    AmbTexture texture;
+    amb_texture_init(&texture);
+    FAILS(amb_scene_add_texture, (NULL, &texture, &id), bad, "scene");
+    FAILS(amb_scene_add_texture, (scene, NULL, &id), bad, "texture");
+    FAILS(amb_scene_add_texture, (scene, &texture, NULL), bad, "out_id");
     FAILS(amb_scene_set_world, (NULL, material.albedo), bad, "scene");
     FAILS(amb_scene_set_world, (scene, NULL), bad, "radiance");
     FAILS(amb_scene_set_world_image, (scene, NULL), bad, "image");
@@ -162,6 +168,8 @@ static void bad_materials_are_refused(void) {
     MATERIAL_FAILS(m.emission[0] = (float)NAN, "emission");
     MATERIAL_FAILS(m.transmit_color[0] = 2.0f, "transmit_color");
     MATERIAL_FAILS(m.reflect_color[0] = -1.0f, "reflect_color");
+    MATERIAL_FAILS(m.texture = 1, "shows texture 1 of 0");
+    MATERIAL_FAILS(m.uv_to_texture[5] = (float)NAN, "uv_to_texture");
     MATERIAL_FAILS(m.ior = 0.0f, "ior");
     MATERIAL_FAILS(m.ior = -1.5f, "ior");
     MATERIAL_FAILS(m.ior = INFINITY, "ior");
@@ -308,6 +316,29 @@ static void bad_lights_and_cameras_are_refused(void) {
     pixels[1][2][0] = 1.0f;
     ENSURE_STATUS(amb_scene_set_world_image(scene, &image), AMB_OK);
 #undef IMAGE_FAILS
+    AmbTexture t;
+    float colors[2][3][3] = {{{0}}};
+#define TEXTURE_FAILS(change, part)                                                                \
+    do {                                                                                           \
+        amb_texture_init(&t);                                                                      \
+        t.name = "Checks";                                                                         \
+        t.width = 3;                                                                               \
+        t.height = 2;                                                                              \
+        t.color = &colors[0][0][0];                                                                \
+        change;                                                                                    \
+        FAILS(amb_scene_add_texture, (scene, &t, &id), bad, part);                                 \
+    } while (0)
+    TEXTURE_FAILS(t.height = 0, "\"Checks\" has 3 x 0 pixels");
+    TEXTURE_FAILS(t.width = t.height = UINT32_MAX, "pixels");
+    TEXTURE_FAILS(t.color = NULL, "color");
+    TEXTURE_FAILS(t.extension = 4, "extension 4");
+    TEXTURE_FAILS(t.interpolation = 2, "interpolation 2");
+    TEXTURE_FAILS(colors[1][2][0] = 1.5f, "pixel (2, 1) of texture \"Checks\"");
+    TEXTURE_FAILS(colors[1][2][0] = (float)NAN, "pixel (2, 1)");
+    colors[1][2][0] = 1.0f;
+    ENSURE_STATUS(amb_scene_add_texture(scene, &t, &id), AMB_OK);
+    ENSURE(id == 1);
+#undef TEXTURE_FAILS
     AmbCamera c;
 #define CAMERA_FAILS(camera_kind, change, part)                                                    \
     do {                                                                                           \
@@ -385,6 +416,9 @@ static void bad_parameters_are_refused(void) {
     AmbWorldImage image;
     amb_world_image_init(&image);
     FAILS(amb_scene_set_world_image, (scene, &image), state, "committed");
+    AmbTexture texture;
+    amb_texture_init(&texture);
+    FAILS(amb_scene_add_texture, (scene, &texture, &id), state, "committed");
     FAILS(amb_scene_commit, (scene), state, "committed");
     amb_scene_destroy(scene);
     demo_free(&demo);

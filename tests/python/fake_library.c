@@ -16,7 +16,7 @@
 #endif
 
 struct AmbScene {
-    uint32_t counts[4];
+    uint32_t counts[5];
     int has_camera, is_committed;
     uint64_t triangles;
 };
@@ -67,9 +67,9 @@ const char *amb_version_string(void) {
 
 uint64_t amb_struct_size(uint32_t struct_id) {
     static const uint64_t sizes[AMB_STRUCT_COUNT] = {
-        sizeof(AmbErrorInfo), sizeof(AmbPhaseLobe), sizeof(AmbMaterial), sizeof(AmbMesh),
-        sizeof(AmbObject),    sizeof(AmbLight),     sizeof(AmbCamera),   sizeof(AmbRenderParams),
-        sizeof(AmbProgress),  sizeof(AmbWorldImage)};
+        sizeof(AmbErrorInfo), sizeof(AmbPhaseLobe),  sizeof(AmbMaterial), sizeof(AmbMesh),
+        sizeof(AmbObject),    sizeof(AmbLight),      sizeof(AmbCamera),   sizeof(AmbRenderParams),
+        sizeof(AmbProgress),  sizeof(AmbWorldImage), sizeof(AmbTexture)};
 #ifdef FAKE_STRUCT_SIZE
     if (struct_id == AMB_STRUCT_LIGHT)
         return FAKE_STRUCT_SIZE;
@@ -120,6 +120,7 @@ INIT(AmbObject, amb_object_init)
 INIT(AmbRenderParams, amb_render_params_init)
 INIT(AmbProgress, amb_progress_init)
 INIT(AmbWorldImage, amb_world_image_init)
+INIT(AmbTexture, amb_texture_init)
 void amb_light_init(AmbLight *light, uint32_t kind) {
     memset(light, 0, sizeof *light);
     light->struct_size = (uint32_t)sizeof *light;
@@ -131,6 +132,13 @@ void amb_camera_init(AmbCamera *camera, uint32_t kind) {
     camera->kind = kind;
 }
 
+AmbStatus amb_scene_add_texture(AmbScene *scene, const AmbTexture *texture, uint32_t *out_id) {
+    if (texture->width == 0 || texture->height == 0 || texture->color == NULL)
+        return fail(AMB_INVALID_ARGUMENT, "amb_scene_add_texture", "no pixels");
+    const AmbStatus status = add(scene, 4, "amb_scene_add_texture", out_id);
+    *out_id += status == AMB_OK;
+    return status;
+}
 AmbStatus amb_scene_add_material(AmbScene *scene, const AmbMaterial *material, uint32_t *out_id) {
     if (material->lobe_count > AMB_PHASE_LOBE_MAX)
         return fail(AMB_INVALID_ARGUMENT, "amb_scene_add_material", "too many lobes");

@@ -21,7 +21,7 @@ from ctypes import (
 )
 from typing import Any
 
-AMB_ABI_VERSION = 5
+AMB_ABI_VERSION = 6
 AMB_VERSION_STRING = "0.1.0"
 
 # ---- Status --------------------------------------------------------------------------------------
@@ -60,9 +60,32 @@ AMB_STRUCT_CAMERA = 6
 AMB_STRUCT_RENDER_PARAMS = 7
 AMB_STRUCT_PROGRESS = 8
 AMB_STRUCT_WORLD_IMAGE = 9
-AMB_STRUCT_COUNT = 10
+AMB_STRUCT_TEXTURE = 10
+AMB_STRUCT_COUNT = 11
 
 # ---- Scene ---------------------------------------------------------------------------------------
+
+
+AMB_EXTENSION_REPEAT = 0
+AMB_EXTENSION_EDGE = 1
+AMB_EXTENSION_CLIP = 2
+AMB_EXTENSION_MIRROR = 3
+
+AMB_INTERPOLATION_LINEAR = 0
+AMB_INTERPOLATION_CLOSEST = 1
+
+
+class AmbTexture(Structure):
+    _fields_ = [
+        ("struct_size", c_uint32),
+        ("width", c_uint32),
+        ("height", c_uint32),
+        ("extension", c_uint32),
+        ("interpolation", c_uint32),
+        ("reserved", c_uint32),
+        ("name", c_char_p),
+        ("color", POINTER(c_float)),
+    ]
 
 
 class AmbPhaseLobe(Structure):
@@ -92,7 +115,8 @@ class AmbMaterial(Structure):
         ("lobe_count", c_uint32),
         ("lobes", AmbPhaseLobe * AMB_PHASE_LOBE_MAX),
         ("priority", c_int32),
-        ("reserved", c_uint32),
+        ("texture", c_uint32),
+        ("uv_to_texture", c_float * 6),
     ]
 
 
@@ -112,6 +136,7 @@ class AmbMesh(Structure):
         ("slots", POINTER(c_uint32)),
         ("vertex_count", c_uint64),
         ("triangle_count", c_uint64),
+        ("uvs", POINTER(c_float)),
     ]
 
 
@@ -276,6 +301,7 @@ STRUCT_IDS: dict[int, type[Structure]] = {
     AMB_STRUCT_RENDER_PARAMS: AmbRenderParams,
     AMB_STRUCT_PROGRESS: AmbProgress,
     AMB_STRUCT_WORLD_IMAGE: AmbWorldImage,
+    AMB_STRUCT_TEXTURE: AmbTexture,
 }
 
 # name: (restype, argtypes). AmbStatus as restype means: raise unless AMB_OK.
@@ -288,6 +314,8 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "amb_self_test": (AmbStatus, ()),
     "amb_scene_create": (AmbStatus, (POINTER(AmbScene),)),
     "amb_scene_destroy": (None, (AmbScene,)),
+    "amb_texture_init": (None, (POINTER(AmbTexture),)),
+    "amb_scene_add_texture": (AmbStatus, (AmbScene, POINTER(AmbTexture), POINTER(c_uint32))),
     "amb_material_init": (None, (POINTER(AmbMaterial),)),
     "amb_scene_add_material": (
         AmbStatus,

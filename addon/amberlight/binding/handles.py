@@ -101,7 +101,7 @@ class _Handle:
 
 
 class Scene(_Handle):
-    """What is to be rendered; ids returned by add_* count from 0."""
+    """What is to be rendered; ids returned by add_* count from 0, those of textures from 1."""
 
     def __init__(self, library: Library) -> None:
         super().__init__(library)
@@ -112,6 +112,21 @@ class Scene(_Handle):
         for render in list(self._renders):
             render.close()
         self._lib.amb_scene_destroy(self._ptr)
+
+    def add_texture(
+        self, name: str, color: NDArray[np.float32], extension: int, interpolation: int
+    ) -> int:
+        """color: (height, width, 3) float32, scene-linear, in [0,1], row 0 at the bottom;
+        extension, interpolation: AMB_EXTENSION_*, AMB_INTERPOLATION_*. Copied by the library."""
+        np = import_numpy()
+        pixels = _array(np, color, np.float32, (None, None, 3), "color")
+        texture = _ffi.AmbTexture()
+        self._lib.amb_texture_init(byref(texture))
+        texture.name = name.encode()
+        texture.height, texture.width = pixels.shape[:2]
+        texture.extension, texture.interpolation = extension, interpolation
+        texture.color = pixels.ctypes.data_as(POINTER(c_float))
+        return self._add(self._lib.amb_scene_add_texture, texture)
 
     def add_material(
         self,
@@ -140,9 +155,11 @@ class Scene(_Handle):
         normals: NDArray[np.float32] | None = None,
         normal_domain: int = _ffi.AMB_NORMALS_NONE,
         slots: NDArray[np.uint32] | None = None,
+        uvs: NDArray[np.float32] | None = None,
     ) -> int:
         """positions: (n, 3) float32; triangles: (m, 3) uint32; normals: (n, 3) or (m, 3, 3)
-        float32 as `normal_domain` says; slots: (m,) uint32. Copied by the library."""
+        float32 as `normal_domain` says; slots: (m,) uint32; uvs: (m, 3, 2) float32. Copied by the
+        library."""
         np = import_numpy()
         keep = [
             _array(np, positions, np.float32, (None, 3), "positions"),
@@ -165,6 +182,9 @@ class Scene(_Handle):
         if slots is not None:
             keep.append(_array(np, slots, np.uint32, (triangle_count,), "slots"))
             mesh.slots = keep[-1].ctypes.data_as(POINTER(c_uint32))
+        if uvs is not None:
+            keep.append(_array(np, uvs, np.float32, (triangle_count, 3, 2), "uvs"))
+            mesh.uvs = keep[-1].ctypes.data_as(POINTER(c_float))
         return self._add(self._lib.amb_scene_add_mesh, mesh)
 
     def add_object(

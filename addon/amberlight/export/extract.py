@@ -12,7 +12,7 @@ from . import conventions as conv
 from .export_log import ExportLog
 from .extract_camera import matrix_rows, read_camera
 from .extract_light import read_light
-from .extract_material import read_material
+from .extract_material import Textures, read_material
 from .extract_mesh import is_changed_by_reading, read_mesh
 from .extract_world import read_world
 from .scene_data import ObjectData, SceneData
@@ -45,8 +45,9 @@ class _Exporter:
         self.version: conv.Version = tuple(bpy.app.version)
         self.data = SceneData()
         # Pointers are only compared while the depsgraph is evaluated, which keeps them alive.
-        self.mesh_ids: dict[tuple[int, bool], int | None] = {}
+        self.mesh_ids: dict[tuple[int, bool, str | None], int | None] = {}
         self.material_ids: dict[int, int] = {}
+        self.textures: Textures = {}
         self.shapes: dict[tuple[int, int], tuple[int, tuple[int, ...]] | None] = {}
         self.material_override = depsgraph.view_layer_eval.material_override
 
@@ -99,10 +100,17 @@ class _Exporter:
         """Mesh and materials of an object; None if there is nothing to see."""
         self.check_object(placed, where)
         slots = self.slots(placed)
-        mesh = self.mesh(placed, len(slots) > 1)
-        if mesh is None:
-            return None
-        return mesh, tuple(self.material(slot, where) for slot in slots)
+        materials = tuple(self.material(slot, where) for slot in slots)
+        mesh = self.mesh(placed, len(slots) > 1, self.uv_map(materials, where))
+        return None if mesh is None else (mesh, materials)
+
+    def uv_map(self, materials: tuple[int, ...], where: str) -> str | None:
+        """Name of the coordinates by which an object's textures are placed; None: it has none."""
+        textures = [self.data.materials[index].texture for index in materials]
+        names = sorted({texture.uv_map for texture in textures if texture})
+        if len(names) > 1:
+            self.log.warn(where, f'all its textures are placed by the UV map "{names[-1]}"')
+        return names[-1] if names else None
 
     def check_linking(self, placed: Any, where: str) -> None:
         """Light linking exists since 4.0."""
@@ -130,16 +138,16 @@ class _Exporter:
         slots += own[len(slots) :]
         return slots or [None]
 
-    def mesh(self, placed: Any, has_slots: bool) -> int | None:
+    def mesh(self, placed: Any, has_slots: bool, uv_map: str | None) -> int | None:
         """Index of the object's mesh, shared by all that show the same data; None if empty."""
         # What is converted depends on the object (modifiers, families of metaballs).
         source = placed.data if placed.type == "MESH" else placed.original
-        key = (source.as_pointer(), has_slots)
+        key = (source.as_pointer(), has_slots, uv_map)
         if key not in self.mesh_ids:
-            self.mesh_ids[key] = self.read_mesh(placed, has_slots)
+            self.mesh_ids[key] = self.read_mesh(placed, has_slots, uv_map)
         return self.mesh_ids[key]
 
-    def read_mesh(self, placed: Any, has_slots: bool) -> int | None:
+    def read_mesh(self, placed: Any, has_slots: bool, uv_map: str | None) -> int | None:
         name = placed.data.name if placed.data else placed.name
         # A mesh is read in place; a copy is made only where reading would change it, where the
         # object is being edited, or where there is no mesh yet.
@@ -148,7 +156,12 @@ class _Exporter:
         if copy:
             mesh = placed.to_mesh()
         try:
-            data = read_mesh(mesh, name, has_slots) if mesh else None
+            data = read_mesh(mesh, name, has_slots, uv_map) if mesh else None
+            if data and uv_map is not None and data.uvs is None:
+                what = f'the UV map "{uv_map}"' if uv_map else "a UV map"
+                self.log.warn(
+                    f'object "{placed.name}"', f"lacks {what}, its textures are one colour"
+                )
         finally:
             if copy:
                 placed.to_mesh_clear()
@@ -161,5 +174,7 @@ class _Exporter:
         key = material.original.as_pointer() if material else 0
         if key not in self.material_ids:
             self.material_ids[key] = len(self.data.materials)
-            self.data.materials.append(read_material(material, where, self.version, self.log))
+            self.data.materials.append(
+                read_material(material, where, self.version, self.log, self.textures)
+            )
         return self.material_ids[key]

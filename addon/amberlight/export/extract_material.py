@@ -10,14 +10,28 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..binding.handles import import_numpy
 from . import conventions as conv
 from .export_log import ExportLog
-from .node_tree import Path, TreeReader
-from .scene_data import BLACK, RGB, WHITE, MaterialData, MediumData, PhaseLobe
+from .image_nodes import ImageReader, Texture
+from .node_tree import Path
+from .scene_data import (
+    BLACK,
+    RGB,
+    WHITE,
+    MaterialData,
+    MediumData,
+    PhaseLobe,
+    TextureData,
+    UVTexture,
+)
 
 DEFAULT_MATERIAL = MaterialData(name="Default")
 
 Medium = tuple[RGB, tuple[PhaseLobe, ...]]
+
+# Images by pointer, extension and whether their pixels have edges; None: cannot be read.
+Textures = dict[tuple[int, str, bool], TextureData | None]
 
 # Rank of a boundary when shaders are mixed: the refractive one makes the object translucent.
 DIFFUSE, CLEAR, REFRACTIVE = 0, 1, 2
@@ -32,14 +46,18 @@ class Surface:
     rank: int
     weight: float = 1.0
     albedo: RGB = BLACK
+    texture: Texture | None = None  # multiplies the albedo
     emission: RGB = BLACK
     transmit_color: RGB = WHITE
     reflect_color: RGB = WHITE
     ior: float = 1.0
 
 
-def read_material(material: Any, where: str, version: conv.Version, log: ExportLog) -> MaterialData:
-    """`material`: an evaluated bpy Material or None; `where` names its first user."""
+def read_material(
+    material: Any, where: str, version: conv.Version, log: ExportLog, textures: Textures
+) -> MaterialData:
+    """`material`: an evaluated bpy Material or None; `where` names its first user; `textures`:
+    images that were read for other materials."""
     if material is None:
         return DEFAULT_MATERIAL
     name = material.name
@@ -48,16 +66,22 @@ def read_material(material: Any, where: str, version: conv.Version, log: ExportL
     if not has_nodes:
         color = material.diffuse_color
         return MaterialData(name, albedo=(color[0], color[1], color[2]))
-    reader = _MaterialReader(material.node_tree, f'{where}, material "{name}"', version, log)
+    where = f'{where}, material "{name}"'
+    reader = _MaterialReader(material.node_tree, where, version, log, textures)
     # Nothing of ours is there where only the exporter runs.
     priority = getattr(getattr(material.original, "amberlight", None), "priority", 0)
     return replace(reader.read(), name=name, priority=priority)
 
 
-class _MaterialReader(TreeReader):
-    def __init__(self, tree: Any, where: str, version: conv.Version, log: ExportLog) -> None:
+class _MaterialReader(ImageReader):
+    image_type = "TEX_IMAGE"
+
+    def __init__(
+        self, tree: Any, where: str, version: conv.Version, log: ExportLog, textures: Textures
+    ) -> None:
         super().__init__(tree, where, log)
         self.version = version
+        self.textures = textures
 
     def read(self) -> MaterialData:
         output = self.output("OUTPUT_MATERIAL")
@@ -77,7 +101,7 @@ class _MaterialReader(TreeReader):
         if surface.rank == DIFFUSE:
             if medium.lobes or any(medium.sigma_a):
                 self.warn(surface.node, "the volume lies behind an opaque surface and is not seen")
-            return MaterialData("", albedo=surface.albedo, emission=surface.emission)
+            return self.opaque(surface)
         return MaterialData(
             "",
             is_dielectric=True,
@@ -86,6 +110,55 @@ class _MaterialReader(TreeReader):
             ior=surface.ior,
             medium=medium,
         )
+
+    # ---- Images ----------------------------------------------------------------------------------
+
+    def opaque(self, surface: Surface) -> MaterialData:
+        plain = MaterialData("", albedo=surface.albedo, emission=surface.emission)
+        if surface.texture is None:
+            return plain
+        texture = surface.texture
+        placement, data = self.placement(texture), self.texture_data(texture.node)
+        if data is None:
+            return plain
+        if placement is None:
+            self.warn(texture.node, "is not placed by a UV map, its mean is used")
+            return replace(plain, albedo=_limited(conv.added(surface.albedo, self.mean(texture))))
+        factor = texture.factor
+        if any(surface.albedo) or factor != _limited(factor):
+            # What adds to the image is a part of it.
+            np = import_numpy()
+            color = data.color * np.array(factor, np.float32) + np.array(surface.albedo, np.float32)
+            data, factor = replace(data, color=np.clip(color, 0.0, 1.0)), WHITE
+        return replace(plain, albedo=factor, texture=UVTexture(data, *placement))
+
+    def mean(self, texture: Texture) -> RGB:
+        data = self.texture_data(texture.node)
+        if data is None:
+            return BLACK
+        mean = data.color.mean(axis=(0, 1), dtype=float)
+        return conv.multiplied(texture.factor, (float(mean[0]), float(mean[1]), float(mean[2])))
+
+    def texture_data(self, node: Any) -> TextureData | None:
+        """Read once for all materials that show the image."""
+        closest = node.interpolation == "Closest"
+        pointer = node.image.as_pointer() if node.image else 0
+        key = (pointer, node.extension, closest)
+        if key not in self.textures:
+            self.textures[key] = self.read_texture(node, is_closest=closest)
+        return self.textures[key]
+
+    def read_texture(self, node: Any, *, is_closest: bool) -> TextureData | None:
+        if node.projection != "FLAT":
+            self.warn(node, f"its {node.projection.lower()} projection is rendered as flat")
+        pixels = self.pixels(node)
+        if pixels is None:
+            return None
+        np = import_numpy()
+        limited = np.clip(np.nan_to_num(pixels), 0.0, 1.0)
+        if not (limited == pixels).all():
+            self.warn(node, "pixels are limited to the range from 0 to 1")
+        return TextureData(node.image.name, limited, node.extension, is_closest)
 
     # ---- Surface ---------------------------------------------------------------------------------
 
@@ -100,13 +173,20 @@ class _MaterialReader(TreeReader):
         if all(term.rank == DIFFUSE for term in terms):
             # A mixture of Lambertian and emitting surfaces is one, exactly.
             albedo = emission = BLACK
+            textures: list[Texture] = []
             for term in terms:
+                if term.texture and term.weight > 0.0:
+                    textures.append(term.texture.scaled(term.weight))
                 albedo = conv.added(albedo, conv.scaled(term.albedo, term.weight))
                 emission = conv.added(emission, conv.scaled(term.emission, term.weight))
-            capped = (min(albedo[0], 1.0), min(albedo[1], 1.0), min(albedo[2], 1.0))
+            capped = _limited(albedo)
             if capped != albedo:
                 self.warn(terms[0].node, "reflects more light than it gets, limited to white")
-            return replace(terms[0], albedo=capped, emission=emission)
+            for texture in textures[1:]:
+                self.warn(texture.node, "of a mix of images one is seen, and the mean of others")
+                capped = conv.added(capped, self.mean(texture))
+            texture = textures[0] if textures else None
+            return replace(terms[0], albedo=capped, emission=emission, texture=texture)
         best = max(terms, key=lambda term: (term.rank, term.weight))
         lost = [term.node.name for term in terms if term is not best]
         if lost:
@@ -130,9 +210,9 @@ class _MaterialReader(TreeReader):
         read = self.SURFACES.get(node.type)
         if read is None:
             name = next((n for n in ("Color", "Base Color") if node.inputs.get(n)), None)
-            albedo = self.color(node, name, path) if name else (0.8, 0.8, 0.8)
             self.warn(node, f"{node.bl_label} is not understood, rendered as diffuse")
-            return [(Surface(node, DIFFUSE, albedo=albedo), 1.0)]
+            albedo, texture = self.albedo(node, name, path) if name else ((0.8, 0.8, 0.8), None)
+            return [(Surface(node, DIFFUSE, albedo=albedo, texture=texture), 1.0)]
         return [(read(self, node, path), 1.0)]
 
     def shares(self, node: Any, path: Path) -> list[tuple[Any, float]]:
@@ -172,7 +252,8 @@ class _MaterialReader(TreeReader):
         self.check_details(node, path, boundary=False)
         if self.number(node, "Roughness", path) > 0.0:
             self.warn(node, "a rough diffuse surface is rendered as Lambertian")
-        return Surface(node, DIFFUSE, albedo=self.albedo(node, "Color", path))
+        albedo, texture = self.albedo(node, "Color", path)
+        return Surface(node, DIFFUSE, albedo=albedo, texture=texture)
 
     def emission(self, node: Any, path: Path) -> Surface:
         strength = self.number(node, "Strength", path)
@@ -219,23 +300,26 @@ class _MaterialReader(TreeReader):
         specular = self.first(node, "Specular IOR Level", "Specular")
         if self.number(node, "Roughness", path) < 0.2 and self.number(node, specular, path) > 0.0:
             self.warn(node, "the gloss of an opaque surface is ignored")
-        return Surface(
-            node, DIFFUSE, albedo=self.albedo(node, "Base Color", path), emission=emission
-        )
+        albedo, texture = self.albedo(node, "Base Color", path)
+        return Surface(node, DIFFUSE, albedo=albedo, texture=texture, emission=emission)
 
     def boundary_color(self, node: Any, name: str, path: Path) -> RGB:
         """A tint in [0,1]: more would create energy at every crossing."""
         return self.limited(node, name, path)
 
-    def albedo(self, node: Any, name: str, path: Path) -> RGB:
-        return self.limited(node, name, path)
+    def albedo(self, node: Any, name: str, path: Path) -> tuple[RGB, Texture | None]:
+        """A constant, or nothing and an image."""
+        texture = self.texture(node, name, path)
+        if texture is not None and texture.node.image is not None:
+            return BLACK, texture
+        return self.limited(node, name, path), None
 
     def limited(self, node: Any, name: str, path: Path) -> RGB:
         color = self.color(node, name, path)
-        r, g, b = (min(max(c, 0.0), 1.0) for c in color)
-        if (r, g, b) != color:
+        limited = _limited(color)
+        if limited != color:
             self.warn(node, f'input "{name}" is limited to the range from 0 to 1')
-        return (r, g, b)
+        return limited
 
     @staticmethod
     def first(node: Any, *names: str) -> str:
@@ -336,3 +420,8 @@ class _MaterialReader(TreeReader):
 
 def _positive(color: RGB) -> RGB:
     return (max(color[0], 0.0), max(color[1], 0.0), max(color[2], 0.0))
+
+
+def _limited(color: RGB) -> RGB:
+    r, g, b = (min(max(part, 0.0), 1.0) for part in color)
+    return (r, g, b)

@@ -34,9 +34,17 @@ def is_changed_by_reading(mesh: Any) -> bool:
     return not hasattr(mesh, "corner_normals") and normal_domain(mesh) == "CORNER"
 
 
-def read_mesh(mesh: Any, name: str, has_slots: bool) -> MeshData | None:
-    """`mesh`: bpy Mesh whose caches may be filled; `has_slots`: several materials are used.
-    None without faces."""
+def find_uvs(mesh: Any, uv_map: str) -> Any:
+    """The UV layer of a name ("": the one to render with), or None."""
+    layers = mesh.uv_layers
+    if uv_map:
+        return layers.get(uv_map)
+    return next((layer for layer in layers if layer.active_render), None)
+
+
+def read_mesh(mesh: Any, name: str, has_slots: bool, uv_map: str | None) -> MeshData | None:
+    """`mesh`: bpy Mesh whose caches may be filled; `has_slots`: several materials are used;
+    `uv_map`: coordinates of its textures, see find_uvs; None: it shows none. None without faces."""
     np = import_numpy()
     # Blender makes the triangles when they are first asked for; before 3.6 only on demand.
     mesh.calc_loop_triangles()
@@ -46,7 +54,8 @@ def read_mesh(mesh: Any, name: str, has_slots: bool) -> MeshData | None:
     positions = _positions(np, mesh)
     domain = normal_domain(mesh)
     loops = None
-    if domain == "CORNER" or hasattr(mesh, "corner_normals"):
+    layer = find_uvs(mesh, uv_map) if uv_map is not None else None
+    if domain == "CORNER" or hasattr(mesh, "corner_normals") or layer is not None:
         loops = _get(np, mesh.loop_triangles, "loops", np.uint32, 3 * triangle_count)
     triangles = _triangles(np, mesh, loops, triangle_count)
     normals = None
@@ -56,7 +65,10 @@ def read_mesh(mesh: Any, name: str, has_slots: bool) -> MeshData | None:
     elif domain == "CORNER":
         normals = np.take(_corner_normals(np, mesh), loops, axis=0).reshape(-1, 3, 3)
     slots = _slots(np, mesh, triangle_count) if has_slots else None
-    return MeshData(name, positions.reshape(-1, 3), triangles.reshape(-1, 3), normals, slots)
+    uvs = None
+    if layer is not None:
+        uvs = np.take(_corner_uvs(np, mesh, layer), loops, axis=0).reshape(-1, 3, 2)
+    return MeshData(name, positions.reshape(-1, 3), triangles.reshape(-1, 3), normals, slots, uvs)
 
 
 def _get(np: Any, collection: Any, attribute: str, dtype: Any, count: int) -> Any:
@@ -90,6 +102,13 @@ def _corner_normals(np: Any, mesh: Any) -> Any:
         return _get(np, mesh.corner_normals, "vector", np.float32, count).reshape(-1, 3)
     mesh.calc_normals_split()
     return _get(np, mesh.loops, "normal", np.float32, count).reshape(-1, 3)
+
+
+def _corner_uvs(np: Any, mesh: Any, layer: Any) -> Any:
+    """(corner_count, 2) float32."""
+    vectors = getattr(layer, "uv", None)  # since 3.5
+    data, name = (layer.data, "uv") if vectors is None else (vectors, "vector")
+    return _get(np, data, name, np.float32, 2 * len(mesh.loops)).reshape(-1, 2)
 
 
 def _slots(np: Any, mesh: Any, triangle_count: int) -> Any:

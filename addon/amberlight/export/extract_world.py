@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from mathutils import Euler
@@ -11,26 +10,14 @@ from mathutils import Euler
 from ..binding.handles import import_numpy
 from . import conventions as conv
 from .export_log import ExportLog
-from .node_tree import Path, Source, TreeReader
+from .image_nodes import ImageReader, Texture
+from .node_tree import Path, Source
 from .scene_data import BLACK, RGB, WHITE, WorldImageData
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    pass
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-# Names of linear spaces, in which the numbers of 8-bit images mean what they say.
-LINEAR = {"Non-Color", "Raw", "Linear", "Linear Rec.709"}
-
-
-@dataclass(frozen=True)
-class Texture:
-    """An Environment Texture and the factor on its colour."""
-
-    node: Any
-    path: Path
-    factor: RGB
-
 
 Terms = tuple[RGB, list[Texture]]
 NONE: Terms = (BLACK, [])
@@ -48,7 +35,9 @@ def read_world(
     return _WorldReader(world.node_tree, where, log).read()
 
 
-class _WorldReader(TreeReader):
+class _WorldReader(ImageReader):
+    image_type = "TEX_ENVIRONMENT"
+
     def read(self) -> tuple[RGB, WorldImageData | None]:
         output = self.output("OUTPUT_WORLD")
         if output is None:
@@ -89,36 +78,10 @@ class _WorldReader(TreeReader):
 
     def colors(self, node: Any, name: str, path: Path) -> Terms:
         """A colour socket: a constant, or a texture, which a constant may multiply."""
-        source = self.source(node.inputs[name], path)
-        if source.node is not None and source.node.type == "TEX_ENVIRONMENT":
-            return BLACK, [Texture(source.node, source.path, WHITE)]
-        product = self.product(source) if source.node is not None else None
-        if product is not None:
-            return BLACK, [product]
+        texture = self.texture(node, name, path)
+        if texture is not None:
+            return BLACK, [texture]
         return self.color(node, name, path), []
-
-    def product(self, source: Source) -> Texture | None:
-        """A Mix node that multiplies a texture by a constant colour."""
-        node, path = source.node, source.path
-        if node.type not in {"MIX", "MIX_RGB"} or getattr(node, "blend_type", "") != "MULTIPLY":
-            return None
-        # The sockets of Mix have names in common, one for each type of data.
-        sockets = [s for s in node.inputs if s.type == "RGBA"]
-        factors = [s for s in node.inputs if s.type == "VALUE" and s.enabled]
-        if len(sockets) != 2 or not factors or any(link for s in factors for link in s.links):
-            return None
-        share = min(max(float(factors[0].default_value), 0.0), 1.0)
-        sources = [self.source(s, path) for s in sockets]
-        for texture, other in (sources, sources[::-1]):
-            if texture.node is None or texture.node.type != "TEX_ENVIRONMENT":
-                continue
-            value = self._evaluate(other)
-            if value is None or (share < 1.0 and texture is sources[1]):
-                return None
-            color = (value, value, value) if isinstance(value, float) else value
-            factor = conv.added(conv.scaled(color, share), conv.scaled(WHITE, 1.0 - share))
-            return Texture(texture.node, texture.path, factor)
-        return None
 
     def rotation(self, texture: Texture) -> tuple[tuple[float, ...], ...]:
         """Of the image's axes in the world, from a Mapping node."""
@@ -148,7 +111,7 @@ class _WorldReader(TreeReader):
 
     def image(self, texture: Texture, constant: RGB) -> WorldImageData | RGB:
         """The radiance image; or its mean, with the constant, where it cannot be one."""
-        pixels = self.pixels(texture)
+        pixels = self.pixels(texture.node)
         if pixels is None:
             return constant
         np = import_numpy()
@@ -164,33 +127,6 @@ class _WorldReader(TreeReader):
             mean = radiance.mean(axis=(0, 1), dtype=np.float64)
             return (float(mean[0]), float(mean[1]), float(mean[2]))
         return WorldImageData(radiance, self.rotation(texture))
-
-    def pixels(self, texture: Texture) -> NDArray[np.float32] | None:
-        """(height, width, 3), scene-linear, row 0 at the bottom."""
-        image = texture.node.image
-        if image is None:
-            self.warn(texture.node, "it has no image and is left out")
-            return None
-        if image.source in {"SEQUENCE", "MOVIE", "TILED"}:
-            kind = image.source.lower()
-            self.warn(texture.node, f"an image of kind {kind} is read as one image")
-        np = import_numpy()
-        width, height = image.size
-        flat = np.empty(len(image.pixels), np.float32)
-        if width * height == 0 or flat.size < width * height:
-            self.warn(texture.node, f'image "{image.name}" cannot be read and is left out')
-            return None
-        image.pixels.foreach_get(flat)
-        pixels = flat.reshape(height, width, -1)
-        # One channel or two are grey, and alpha.
-        pixels = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
-        # Blender holds images of floats in the scene's linear space, those of bytes as they are.
-        space = image.colorspace_settings.name
-        if image.is_float or space in LINEAR:
-            return pixels
-        if space != "sRGB":
-            self.warn(texture.node, f'colour space "{space}" is taken as sRGB')
-        return conv.srgb_to_linear(pixels)
 
 
 def _sum(parts: list[tuple[float, Terms]]) -> Terms:

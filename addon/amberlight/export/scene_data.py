@@ -28,6 +28,27 @@ IDENTITY: Matrix = (
 )
 
 
+@dataclass(frozen=True, eq=False)
+class TextureData:
+    """color: (height, width, 3) float32 in [0,1], scene-linear, row 0 at the bottom; extension:
+    REPEAT, EXTEND, CLIP or MIRROR, as Blender names them."""
+
+    name: str
+    color: NDArray[np.float32]
+    extension: str = "REPEAT"
+    is_closest: bool = False
+
+
+@dataclass(frozen=True)
+class UVTexture:
+    """A texture on a surface: it multiplies the albedo at to_texture (row-major 2x3) of the mesh's
+    coordinates named `uv_map`; "": those that its mesh renders with."""
+
+    texture: TextureData
+    uv_map: str = ""
+    to_texture: tuple[float, float, float, float, float, float] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+
 @dataclass(frozen=True)
 class PhaseLobe:
     """Henyey-Greenstein lobe: scattering coefficient (1/m) and mean cosine."""
@@ -55,18 +76,21 @@ class MaterialData:
     ior: float = 1.0
     medium: MediumData = MediumData()
     priority: int = 0
+    texture: UVTexture | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class MeshData:
     """positions: (n, 3) float32, object space; triangles: (m, 3) uint32; normals: None (flat),
-    (n, 3) for vertices or (m, 3, 3) for corners, float32, unit; slots: (m,) uint32 or None."""
+    (n, 3) for vertices or (m, 3, 3) for corners, float32, unit; slots: (m,) uint32 or None; uvs:
+    (m, 3, 2) float32 or None."""
 
     name: str
     positions: NDArray[np.float32]
     triangles: NDArray[np.uint32]
     normals: NDArray[np.float32] | None = None
     slots: NDArray[np.uint32] | None = None
+    uvs: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True)

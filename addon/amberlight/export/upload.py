@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from ..binding import _ffi
 from ..binding.handles import Scene
-from .scene_data import CameraData, LightData, MaterialData, MeshData, SceneData
+from .scene_data import CameraData, LightData, MaterialData, MeshData, SceneData, TextureData
 
 LIGHT_KINDS = {
     "POINT": _ffi.AMB_LIGHT_POINT,
@@ -15,10 +15,19 @@ LIGHT_KINDS = {
 }
 
 
+EXTENSIONS = {
+    "REPEAT": _ffi.AMB_EXTENSION_REPEAT,
+    "EXTEND": _ffi.AMB_EXTENSION_EDGE,
+    "CLIP": _ffi.AMB_EXTENSION_CLIP,
+    "MIRROR": _ffi.AMB_EXTENSION_MIRROR,
+}
+
+
 def upload(data: SceneData, scene: Scene) -> None:
     """Fills `scene`, which must be fresh: then the ids are the indices of `data`. Not committed."""
+    textures: dict[TextureData, int] = {}
     for material in data.materials:
-        add_material(scene, material)
+        add_material(scene, material, textures)
     for mesh in data.meshes:
         add_mesh(scene, mesh)
     for placed in data.objects:
@@ -33,8 +42,24 @@ def upload(data: SceneData, scene: Scene) -> None:
         set_camera(scene, data.camera)
 
 
-def add_material(scene: Scene, material: MaterialData) -> int:
-    dielectric = material.is_dielectric
+def add_texture(scene: Scene, texture: TextureData) -> int:
+    closest = texture.is_closest
+    return scene.add_texture(
+        texture.name,
+        texture.color,
+        EXTENSIONS[texture.extension],
+        _ffi.AMB_INTERPOLATION_CLOSEST if closest else _ffi.AMB_INTERPOLATION_LINEAR,
+    )
+
+
+def add_material(scene: Scene, material: MaterialData, textures: dict[TextureData, int]) -> int:
+    """`textures`: ids of those that the scene has."""
+    dielectric, placed = material.is_dielectric, material.texture
+    fields: dict[str, object] = {}
+    if placed is not None:
+        if placed.texture not in textures:
+            textures[placed.texture] = add_texture(scene, placed.texture)
+        fields = {"texture": textures[placed.texture], "uv_to_texture": placed.to_texture}
     return scene.add_material(
         material.name,
         surface=_ffi.AMB_SURFACE_DIELECTRIC if dielectric else _ffi.AMB_SURFACE_DIFFUSE,
@@ -46,6 +71,7 @@ def add_material(scene: Scene, material: MaterialData) -> int:
         priority=material.priority,
         sigma_a=material.medium.sigma_a,
         lobes=[(lobe.sigma_s, lobe.g) for lobe in material.medium.lobes],
+        **fields,
     )
 
 
@@ -55,7 +81,7 @@ def add_mesh(scene: Scene, mesh: MeshData) -> int:
         corner = mesh.normals.ndim == 3
         domain = _ffi.AMB_NORMALS_CORNER if corner else _ffi.AMB_NORMALS_VERTEX
     return scene.add_mesh(
-        mesh.name, mesh.positions, mesh.triangles, mesh.normals, domain, mesh.slots
+        mesh.name, mesh.positions, mesh.triangles, mesh.normals, domain, mesh.slots, mesh.uvs
     )
 
 

@@ -43,7 +43,7 @@ extern "C" {
 #endif
 
 /* Bumped when the layout of a struct or the meaning of a function changes. */
-#define AMB_ABI_VERSION 5
+#define AMB_ABI_VERSION 6
 #define AMB_VERSION_STRING "0.1.0"
 
 /* ---- Status ---------------------------------------------------------------------------------- */
@@ -95,7 +95,8 @@ enum {
     AMB_STRUCT_RENDER_PARAMS = 7,
     AMB_STRUCT_PROGRESS = 8,
     AMB_STRUCT_WORLD_IMAGE = 9,
-    AMB_STRUCT_COUNT = 10
+    AMB_STRUCT_TEXTURE = 10,
+    AMB_STRUCT_COUNT = 11
 };
 AMB_API uint64_t amb_struct_size(uint32_t struct_id); /* bytes; 0 for an unknown id */
 
@@ -110,6 +111,32 @@ typedef struct AmbScene AmbScene;
 
 AMB_API AmbStatus amb_scene_create(AmbScene **out_scene);
 AMB_API void amb_scene_destroy(AmbScene *scene); /* after every render of it is destroyed */
+
+/* What an image shows beyond its edges. */
+enum {
+    AMB_EXTENSION_REPEAT = 0,
+    AMB_EXTENSION_EDGE = 1, /* the nearest pixel */
+    AMB_EXTENSION_CLIP = 2, /* black */
+    AMB_EXTENSION_MIRROR = 3,
+};
+enum { AMB_INTERPOLATION_LINEAR = 0, AMB_INTERPOLATION_CLOSEST = 1 };
+
+/* An image for opaque surfaces. It covers (0, 0) .. (1, 1); values are those in the pixels'
+ * middles. */
+typedef struct AmbTexture {
+    uint32_t struct_size;
+    uint32_t width, height; /* pixels, >= 1; together < 2^32 */
+    uint32_t extension;     /* AMB_EXTENSION_* */
+    uint32_t interpolation; /* AMB_INTERPOLATION_* */
+    uint32_t reserved;
+    const char *name;
+    const float *color; /* (height, width, 3), scene-linear, in [0,1]; row 0 is the bottom */
+} AmbTexture;
+
+AMB_API void amb_texture_init(AmbTexture *texture);
+/* *out_id counts from 1: 0 in a material is no texture. */
+AMB_API AmbStatus amb_scene_add_texture(AmbScene *scene, const AmbTexture *texture,
+                                        uint32_t *out_id);
 
 /* Henyey-Greenstein lobe: p(cos) = (1-g^2) / (4 pi (1+g^2-2 g cos)^1.5) in 1/sr, cos between the
  * directions of travel before and after. */
@@ -142,10 +169,12 @@ typedef struct AmbMaterial {
     AmbPhaseLobe lobes[AMB_PHASE_LOBE_MAX];
     int32_t priority; /* DIELECTRIC: where objects overlap the medium of the highest one holds, of
                        * equal ones that of the object entered last */
-    uint32_t reserved;
+    uint32_t texture; /* DIFFUSE: id from amb_scene_add_texture, whose colour multiplies albedo; 0:
+                       * none. Without uvs of the mesh it is seen at (0, 0) */
+    float uv_to_texture[6]; /* row-major 2x3: from uvs to places of the texture */
 } AmbMaterial;
 
-/* Defaults: grey diffuse albedo 0.8, ior 1, white tints, no medium, priority 0. */
+/* Defaults: grey diffuse albedo 0.8, ior 1, white tints, no medium, priority 0, no texture. */
 AMB_API void amb_material_init(AmbMaterial *material);
 /* *out_id counts from 0. */
 AMB_API AmbStatus amb_scene_add_material(AmbScene *scene, const AmbMaterial *material,
@@ -169,6 +198,7 @@ typedef struct AmbMesh {
     const uint32_t *slots;     /* (triangle_count), material slot of each triangle; NULL: all 0 */
     uint64_t vertex_count;
     uint64_t triangle_count; /* < 2^32 / 3 */
+    const float *uvs;        /* (triangle_count, 3, 2), of textures, for each corner; NULL: none */
 } AmbMesh;
 
 AMB_API void amb_mesh_init(AmbMesh *mesh);

@@ -42,6 +42,7 @@ uint64_t amb_struct_size(uint32_t struct_id) {
         [AMB_STRUCT_RENDER_PARAMS] = sizeof(AmbRenderParams),
         [AMB_STRUCT_PROGRESS] = sizeof(AmbProgress),
         [AMB_STRUCT_WORLD_IMAGE] = sizeof(AmbWorldImage),
+        [AMB_STRUCT_TEXTURE] = sizeof(AmbTexture),
     };
     return struct_id < AMB_STRUCT_COUNT ? sizes[struct_id] : 0;
 }

@@ -62,6 +62,63 @@ void amb_scene_destroy(AmbScene *scene) {
     memory_free(scene);
 }
 
+void amb_texture_init(AmbTexture *texture) {
+    if (texture != NULL)
+        *texture = (AmbTexture){.struct_size = sizeof *texture};
+}
+
+static AmbStatus check_texture(const AmbTexture *texture) {
+    const char *name = name_or_empty(texture->name);
+    const uint64_t pixels = (uint64_t)texture->width * texture->height;
+    if (pixels == 0 || pixels > UINT32_MAX)
+        return status_fail(AMB_INVALID_ARGUMENT, "texture \"%.100s\" has %u x %u pixels", name,
+                           texture->width, texture->height);
+    if (texture->extension > AMB_EXTENSION_MIRROR)
+        return status_fail(AMB_INVALID_ARGUMENT, "extension %u of texture \"%.100s\" is unknown",
+                           texture->extension, name);
+    if (texture->interpolation > AMB_INTERPOLATION_CLOSEST)
+        return status_fail(AMB_INVALID_ARGUMENT,
+                           "interpolation %u of texture \"%.100s\" is unknown",
+                           texture->interpolation, name);
+    AMB_TRY(check_pointer(texture->color, "texture.color"));
+    for (uint64_t i = 0; i < 3 * pixels; ++i)
+        if (!(texture->color[i] >= 0.0f && texture->color[i] <= 1.0f))
+            return status_fail(AMB_INVALID_ARGUMENT,
+                               "pixel (%llu, %llu) of texture \"%.100s\" is not in [0, 1]",
+                               (unsigned long long)(i / 3 % texture->width),
+                               (unsigned long long)(i / 3 / texture->width), name);
+    return AMB_OK;
+}
+
+AmbStatus amb_scene_add_texture(AmbScene *scene, const AmbTexture *texture, uint32_t *out_id) {
+    status_enter("amb_scene_add_texture");
+    AMB_TRY(check_pointer(out_id, "out_id"));
+    *out_id = 0;
+    AMB_TRY(check_open(scene));
+    AmbTexture given;
+    amb_texture_init(&given);
+    AMB_TRY(check_struct(texture, sizeof given, "texture", &given));
+    AMB_TRY(check_texture(&given));
+    AMB_TRY(reserve((void **)&scene->textures, scene->texture_count, &scene->texture_room,
+                    sizeof *scene->textures));
+    SceneTexture copy = {.name = memory_copy_text(given.name),
+                         .width = given.width,
+                         .height = given.height,
+                         .extension = given.extension,
+                         .is_closest = given.interpolation == AMB_INTERPOLATION_CLOSEST,
+                         .pixels = memory_copy_array(
+                             given.color, (uint64_t)given.width * given.height, sizeof(Rgb))};
+    if (copy.name == NULL || copy.pixels == NULL) {
+        memory_free(copy.name);
+        memory_free(copy.pixels);
+        return status_fail(AMB_OUT_OF_MEMORY, "no memory for texture \"%.100s\"",
+                           name_or_empty(given.name));
+    }
+    scene->textures[scene->texture_count] = copy;
+    *out_id = ++scene->texture_count;
+    return AMB_OK;
+}
+
 void amb_material_init(AmbMaterial *material) {
     if (material == NULL)
         return;
@@ -70,10 +127,11 @@ void amb_material_init(AmbMaterial *material) {
                               .albedo = {0.8f, 0.8f, 0.8f},
                               .transmit_color = {1, 1, 1},
                               .reflect_color = {1, 1, 1},
-                              .ior = 1.0f};
+                              .ior = 1.0f,
+                              .uv_to_texture = {1, 0, 0, 0, 1, 0}};
 }
 
-static AmbStatus check_material(const AmbMaterial *m) {
+static AmbStatus check_material(const AmbScene *scene, const AmbMaterial *m) {
     const char *name = name_or_empty(m->name);
     if (m->surface > AMB_SURFACE_DIELECTRIC)
         return status_fail(AMB_INVALID_ARGUMENT, "surface %u of \"%.100s\" is unknown", m->surface,
@@ -86,6 +144,10 @@ static AmbStatus check_material(const AmbMaterial *m) {
     AMB_TRY(check_range(m->transmit_color, 3, 0.0f, 1.0f, "transmit_color", name));
     AMB_TRY(check_range(m->reflect_color, 3, 0.0f, 1.0f, "reflect_color", name));
     AMB_TRY(check_range(&m->ior, 1, 0.1f, 10.0f, "ior", name));
+    if (m->texture > scene->texture_count)
+        return status_fail(AMB_INVALID_ARGUMENT, "\"%.100s\" shows texture %u of %u", name,
+                           m->texture, scene->texture_count);
+    AMB_TRY(check_range(m->uv_to_texture, 6, -FLT_MAX, FLT_MAX, "uv_to_texture", name));
     AMB_TRY(check_range(m->sigma_a, 3, 0.0f, COEFFICIENT_MAX, "sigma_a", name));
     for (uint32_t i = 0; i < m->lobe_count; ++i) {
         AMB_TRY(check_range(m->lobes[i].sigma_s, 3, 0.0f, COEFFICIENT_MAX, "sigma_s", name));
@@ -111,22 +173,24 @@ AmbStatus amb_scene_add_material(AmbScene *scene, const AmbMaterial *material, u
     AmbMaterial m;
     amb_material_init(&m);
     AMB_TRY(check_struct(material, sizeof m, "material", &m));
-    AMB_TRY(check_material(&m));
+    AMB_TRY(check_material(scene, &m));
     AMB_TRY(reserve((void **)&scene->materials, scene->material_count, &scene->material_room,
                     sizeof *scene->materials));
     char *name = memory_copy_text(m.name);
     if (name == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for a material");
-    scene->materials[scene->material_count] =
-        (SceneMaterial){.name = name,
-                        .surface = m.surface,
-                        .albedo = rgb_from(m.albedo),
-                        .emission = rgb_from(m.emission),
-                        .transmit_color = rgb_from(m.transmit_color),
-                        .reflect_color = rgb_from(m.reflect_color),
-                        .ior = m.ior,
-                        .priority = m.priority,
-                        .medium = make_medium(&m)};
+    SceneMaterial *copy = &scene->materials[scene->material_count];
+    *copy = (SceneMaterial){.name = name,
+                            .surface = m.surface,
+                            .albedo = rgb_from(m.albedo),
+                            .emission = rgb_from(m.emission),
+                            .transmit_color = rgb_from(m.transmit_color),
+                            .reflect_color = rgb_from(m.reflect_color),
+                            .ior = m.ior,
+                            .priority = m.priority,
+                            .medium = make_medium(&m),
+                            .texture = m.texture};
+    memcpy(copy->uv_to_texture, m.uv_to_texture, sizeof copy->uv_to_texture);
     *out_id = scene->material_count++;
     return AMB_OK;
 }
@@ -186,15 +250,18 @@ AmbStatus amb_scene_add_mesh(AmbScene *scene, const AmbMesh *mesh, uint32_t *out
         .positions = memory_copy_array(m.positions, m.vertex_count, sizeof(Vec3)),
         .triangles = memory_copy_array(m.triangles, 3 * m.triangle_count, sizeof(uint32_t)),
         .normals = has_normals ? memory_copy_array(m.normals, normal_count, sizeof(Vec3)) : NULL,
-        .slots = m.slots != NULL ? memory_copy_array(m.slots, m.triangle_count, sizeof(uint32_t))
-                                 : NULL};
+        .slots =
+            m.slots != NULL ? memory_copy_array(m.slots, m.triangle_count, sizeof(uint32_t)) : NULL,
+        .uvs = m.uvs != NULL ? memory_copy_array(m.uvs, 3 * m.triangle_count, sizeof(Vec2)) : NULL};
     if (copy.name == NULL || copy.positions == NULL || copy.triangles == NULL ||
-        (has_normals && copy.normals == NULL) || (m.slots != NULL && copy.slots == NULL)) {
+        (has_normals && copy.normals == NULL) || (m.slots != NULL && copy.slots == NULL) ||
+        (m.uvs != NULL && copy.uvs == NULL)) {
         memory_free(copy.name);
         memory_free(copy.positions);
         memory_free(copy.triangles);
         memory_free(copy.normals);
         memory_free(copy.slots);
+        memory_free(copy.uvs);
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for mesh \"%.100s\"",
                            name_or_empty(m.name));
     }

@@ -146,7 +146,7 @@ static bool survives(Walker *walker, LightPath *path) {
 /* Light of the opaque surface where the path ends. One more surface is asked by chance. */
 static void meet_surface(Walker *walker, const LightPath *path, const SurfacePoint *surface,
                          Rgb glow, LightSum *sum) {
-    const float survival = fminf(rgb_max(surface->material->albedo), SURVIVAL_MAX);
+    const float survival = fminf(rgb_max(scene_albedo(walker->scene, surface)), SURVIVAL_MAX);
     const float next = survival > 0.0f && walker_random(walker) < survival ? 1.0f / survival : 0.0f;
     const Rgb weight = rgb_scale(path->weight, path->interreflected);
     const LedgerEntry before = ledger_open(&walker->clock, LEDGER_INTERREFLECTION);
@@ -267,7 +267,7 @@ static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
     const float side = vec3_dot(d, surface->ng) < 0.0f ? 1.0f : -1.0f;
     const Vec3 ng = vec3_scale(surface->ng, side);
     const Vec3 ns = vec3_scale(surface->ns, side);
-    const Rgb albedo = surface->material->albedo;
+    const Rgb albedo = scene_albedo(walker->scene, surface);
     const CausticMap *map = walker->params->caustics;
     const Rgb straight = lamp_irradiance(walker, surface, stack, ng, ns, meets_lamps);
     LedgerClock *clock = &walker->clock;

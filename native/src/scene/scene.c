@@ -506,6 +506,10 @@ AmbStatus scene_build(AmbScene *scene, Job *job) {
 
 void scene_clear(AmbScene *scene) {
     intersector_destroy(scene->intersector);
+    for (uint32_t i = 0; i < scene->texture_count; ++i) {
+        memory_free(scene->textures[i].name);
+        memory_free(scene->textures[i].pixels);
+    }
     for (uint32_t i = 0; i < scene->material_count; ++i)
         memory_free(scene->materials[i].name);
     for (uint32_t i = 0; i < scene->mesh_count; ++i) {
@@ -515,6 +519,7 @@ void scene_clear(AmbScene *scene) {
         memory_free(mesh->triangles);
         memory_free(mesh->normals);
         memory_free(mesh->slots);
+        memory_free(mesh->uvs);
     }
     for (uint32_t i = 0; i < scene->object_count; ++i) {
         release_placement(&scene->objects[i]);
@@ -525,6 +530,7 @@ void scene_clear(AmbScene *scene) {
         memory_free(scene->lights[i].name);
         light_mesh_destroy(scene->lights[i].mesh);
     }
+    memory_free(scene->textures);
     memory_free(scene->materials);
     memory_free(scene->meshes);
     memory_free(scene->objects);
@@ -543,7 +549,10 @@ uint64_t scene_bytes(const AmbScene *scene) {
                                      : 3 * mesh->triangle_count;
         bytes += (1 + mesh->user_count) * (mesh->vertex_count + normals) * sizeof(Vec3);
         bytes += mesh->triangle_count * sizeof(uint32_t) * (mesh->slots != NULL ? 4 : 3);
+        bytes += mesh->uvs != NULL ? 3 * mesh->triangle_count * sizeof(Vec2) : 0;
     }
+    for (uint32_t i = 0; i < scene->texture_count; ++i)
+        bytes += (uint64_t)scene->textures[i].width * scene->textures[i].height * sizeof(Rgb);
     return bytes + world_bytes(&scene->world);
 }
 
@@ -634,6 +643,24 @@ SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit) {
     surface.object = hit->geometry;
     surface.hit = *hit;
     return surface;
+}
+
+Rgb scene_albedo(const AmbScene *scene, const SurfacePoint *surface) {
+    const SceneMaterial *material = surface->material;
+    if (material->texture == 0)
+        return material->albedo;
+    const SceneMesh *mesh = &scene->meshes[scene->objects[surface->object].mesh];
+    Vec2 uv = {0.0f, 0.0f};
+    if (mesh->uvs != NULL) {
+        const Hit *hit = &surface->hit;
+        const Vec2 *uvs = mesh->uvs + 3 * (uint64_t)hit->triangle;
+        const float w = 1.0f - hit->u - hit->v;
+        uv = (Vec2){w * uvs[0].x + hit->u * uvs[1].x + hit->v * uvs[2].x,
+                    w * uvs[0].y + hit->u * uvs[1].y + hit->v * uvs[2].y};
+    }
+    const float *m = material->uv_to_texture;
+    const Vec2 place = {m[0] * uv.x + m[1] * uv.y + m[2], m[3] * uv.x + m[4] * uv.y + m[5]};
+    return rgb_mul(material->albedo, texture_color(&scene->textures[material->texture - 1], place));
 }
 
 Vec3 scene_normal_derivative(const AmbScene *scene, const Hit *hit, Vec3 dp) {

@@ -14,16 +14,19 @@
 #include "scene/camera.h"
 #include "scene/intersect.h"
 #include "scene/light.h"
+#include "scene/texture.h"
 #include "scene/world.h"
 
 typedef struct SceneMaterial {
     char *name;
-    uint32_t surface; /* AMB_SURFACE_* */
-    Rgb albedo, emission;
+    uint32_t surface;     /* AMB_SURFACE_* */
+    Rgb albedo, emission; /* albedo: see scene_albedo */
     Rgb transmit_color, reflect_color;
     float ior;
     int32_t priority; /* where objects overlap the medium of the highest one holds */
     Medium medium;
+    uint32_t texture; /* id, from 1; 0: none */
+    float uv_to_texture[6];
 } SceneMaterial;
 
 typedef struct SceneMesh {
@@ -35,6 +38,7 @@ typedef struct SceneMesh {
     uint32_t *triangles; /* (triangle_count, 3) */
     Vec3 *normals;       /* per vertex or corner, or NULL */
     uint32_t *slots;     /* per triangle, or NULL */
+    Vec2 *uvs;           /* per corner, or NULL */
 } SceneMesh;
 
 typedef struct SceneObject {
@@ -60,12 +64,13 @@ typedef struct SceneObject {
 } SceneObject;
 
 struct AmbScene {
+    SceneTexture *textures;
     SceneMaterial *materials;
     SceneMesh *meshes;
     SceneObject *objects;
     SceneLight *lights;
-    uint32_t material_count, mesh_count, object_count, light_count;
-    uint32_t material_room, mesh_room, object_room, light_room;
+    uint32_t texture_count, material_count, mesh_count, object_count, light_count;
+    uint32_t texture_room, material_room, mesh_room, object_room, light_room;
     World world;
     uint32_t world_lamp_count; /* of lights: the last ones, taken out of the world's image; */
     uint32_t mesh_lamp_count;  /* before these: objects that emit light */
@@ -143,6 +148,9 @@ const SceneMaterial *scene_material(const AmbScene *scene, const SceneObject *ob
 
 /* Whether their boxes meet, but for rounding. */
 bool scene_boxes_meet(const SceneObject *a, const SceneObject *b);
+
+/* Reflectance of an opaque surface there, its texture included. */
+Rgb scene_albedo(const AmbScene *scene, const SurfacePoint *surface);
 
 /* Exactly at u, v: the same bits for neighbours that share a corner or the middle of an edge. */
 Vec3 scene_position(const AmbScene *scene, const Hit *hit);

@@ -141,15 +141,16 @@ Rgb photon_surface_radiance(const AmbScene *scene, const SurfacePoint *surface, 
             !scene_is_occluded(scene, p, light.wi, light.distance))
             irradiance = rgb_add(irradiance, rgb_scale(light.irradiance, cosine));
     }
-    Rgb radiance = rgb_scale(rgb_mul(surface->material->albedo, irradiance), 1.0f / AMB_PI);
+    const Rgb albedo = scene_albedo(scene, surface);
+    Rgb radiance = rgb_scale(rgb_mul(albedo, irradiance), 1.0f / AMB_PI);
     if (!scene->world.is_black) {
         Vec3 x, y;
         vec3_frame(ns, &x, &y);
         const Sample2 u = {rng_float(rng, dimension), rng_float(rng, dimension + 1)};
         const Vec3 wi = frame_to_world(x, y, ns, sample_cosine_hemisphere(u));
         if (vec3_dot(wi, ng) > 0.0f && !scene_is_occluded(scene, p, wi, INFINITY))
-            radiance = rgb_add(radiance, rgb_mul(surface->material->albedo,
-                                                 world_radiance_but_lamps(&scene->world, wi)));
+            radiance =
+                rgb_add(radiance, rgb_mul(albedo, world_radiance_but_lamps(&scene->world, wi)));
     }
     return rgb_add(radiance, scene_chance_emission(scene, surface));
 }

@@ -285,7 +285,8 @@ static bool meet_opaque(Walker *walker, const SurfacePoint *surface) {
         return false;
     const Rgb before = walker->flux;
     const bool goes_on = walker->is_straight && walker->walk->params->has_world;
-    walker->flux = rgb_scale(rgb_mul(before, surface->material->albedo), goes_on ? 1.0f : 0.0f);
+    walker->flux = rgb_scale(rgb_mul(before, scene_albedo(walker->walk->scene, surface)),
+                             goes_on ? 1.0f : 0.0f);
     tally_add(walker->tally->absorbed, before);
     tally_add(walker->tally->absorbed, rgb_scale(walker->flux, -1.0f));
     const float side = vec3_dot(walker->d, surface->ng) < 0.0f ? 1.0f : -1.0f;
