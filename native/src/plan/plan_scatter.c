@@ -104,7 +104,8 @@ static void choose(Plan *plan, bool takes_photons, const char *reason) {
 static void choose_by_cost(const AmbRenderParams *params, Plan *plan) {
     const double target = (double)params->accuracy, omitted = plan->omitted;
     const double room = sqrt(fmax(target * target - omitted * omitted, 0.0));
-    const double samples = room > 0.0 ? pow(plan->walks.noise / room, WALK_ORDER) : INFINITY;
+    const double samples =
+        room > 0.0 ? pow(plan->walks.noise / room, WALK_ORDER) : (double)INFINITY;
     const double cost = (plan->has_field ? 1.0 : DARK_WALK_COST) * plan->walks.cost;
     const double photons = PHOTONS_OF_FIRST * (double)count_photons(params);
     const bool takes_photons =
