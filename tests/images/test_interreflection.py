@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Light that opaque surfaces send one another: closed rooms, whose radiance is a geometric series
-of the walls' albedo, and what the planner makes of rooms that are open."""
+of the walls' albedo, media in them, and what the planner makes of rooms that are open."""
 
 from __future__ import annotations
 
@@ -19,7 +19,15 @@ SURFACES = (
     _ffi.AMB_EFFECT_SURFACE_REFLECTION | _ffi.AMB_EFFECT_BACKGROUND | _ffi.AMB_EFFECT_CAUSTICS
 )
 ALL = SURFACES | _ffi.AMB_EFFECT_INTERREFLECTION
+SCATTERING = (
+    _ffi.AMB_EFFECT_SINGLE_SCATTERING
+    | _ffi.AMB_EFFECT_DOUBLE_SCATTERING
+    | _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
+    | _ffi.AMB_EFFECT_WORLD_LIGHT
+)
+ESTIMATORS = {"walks": _ffi.AMB_SCATTER_WALK, "photons": _ffi.AMB_SCATTER_PHOTONS}
 NAME = "light between opaque surfaces"
+IN_MEDIA = "light that surfaces have from others, in media"
 
 Scene = Any  # the binding's handle
 
@@ -57,6 +65,60 @@ def test_glowing_walls_light_one_another(has_glass: bool) -> None:
     assert image.reshape(-1, 3) == pytest.approx(np.tile(expected, (64, 1)), rel=0.4)
 
 
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize(("ior", "sigma_s", "error"), [(1.0, 1.0, 0.02), (1.4, 4.0, 0.04)])
+def test_a_white_medium_vanishes_in_a_glowing_room(
+    estimator: str, ior: float, sigma_s: float, error: float
+) -> None:
+    """A furnace: what scatters all light that it meets changes nothing where radiance is the same
+    everywhere, though most of that has been at several walls, and through the medium between."""
+
+    def build(scene: Scene) -> None:
+        add_walls(scene, box((-2, -2, -2), (2, 2, 2)), ALBEDO, 0.3)
+        add_body(scene, icosphere(3), Medium(ior, sigma_s, 0))
+        set_perspective(scene, (0.3, 0.2, 1.9), (-0.1, -0.1, -1), (0, 1, 0), 1.2)
+
+    image = seen(
+        build,
+        effects=ALL | SCATTERING,
+        camera_bounces=32,
+        light_bounces=8,
+        light_samples=2**17,
+        scatter_estimator=ESTIMATORS[estimator],
+    )
+    relative = image * (1 - ALBEDO) / 0.3
+    ball = relative[2:6, 2:6].mean(axis=(0, 1))
+    # The camera's side alone would leave the ball at 0.3 of the red light. Cells blur by a percent
+    # or two.
+    assert ball == pytest.approx(np.ones(3), abs=error)
+    assert relative.mean(axis=(0, 1)) == pytest.approx(np.ones(3), abs=error)
+
+
+def test_photons_and_walks_see_the_same_room() -> None:
+    """A lamp, a body that absorbs some of its light, walls of three albedos: what light does is
+    found from the lamp's side and from the camera's, by code that has nothing in common."""
+
+    def build(scene: Scene) -> None:
+        add_walls(scene, box((-2, -2, -2), (2, 2, 2)), ALBEDO)
+        add_body(scene, icosphere(2), Medium(1.3, 1.0, 0.1))
+        add_point(scene, (1.2, 1.5, 1.4), 3.0)
+        set_perspective(scene, (0.3, 0.2, 1.9), (-0.1, -0.1, -1), (0, 1, 0), 1.2)
+
+    settings = {
+        "effects": ALL | SCATTERING | _ffi.AMB_EFFECT_TRANSMITTED_LIGHT,
+        "camera_bounces": 16,
+        "light_bounces": 8,
+        "light_samples": 2**17,
+        "samples": 128,
+    }
+    images = {
+        name: seen(build, scatter_estimator=estimator, **settings)
+        for name, estimator in ESTIMATORS.items()
+    }
+    walks, photons = (images[name][2:6, 2:6].mean(axis=(0, 1)) for name in ("walks", "photons"))
+    assert photons == pytest.approx(walks, rel=0.04)
+
+
 def test_a_lamp_in_a_white_ball() -> None:
     """An integrating sphere: the walls of radius R have the irradiance I / R^2 from a lamp in the
     middle, and everywhere the same of each other's light."""
@@ -80,8 +142,8 @@ def corner(angle: float) -> Mesh:
     return Mesh(np.array(points, dtype=np.float64), np.array(faces, dtype=np.uint32))
 
 
-def plan_of(report: dict[str, Any]) -> dict[str, Any]:
-    return next(effect for effect in report["effects"] if effect["name"] == NAME)
+def plan_of(report: dict[str, Any], name: str = NAME) -> dict[str, Any]:
+    return next(effect for effect in report["effects"] if effect["name"] == name)
 
 
 @pytest.mark.parametrize(("angle", "simulated"), [(180.0, False), (90.0, True)])

@@ -19,6 +19,7 @@ enum {
     CAMERA_PART_LIGHT_BOUNCES, /* see FieldRadiance, of gathers from the light field; */
     CAMERA_PART_TRANSMITTED,   /* where photons bring later orders these are not in them */
     CAMERA_PART_INTERREFLECTION,
+    CAMERA_PART_RETURN, /* see CameraWay, as walks find it */
     CAMERA_PART_COUNT
 };
 
@@ -39,11 +40,12 @@ typedef struct CameraParams {
                              * much more of it; 0: always, see FieldSegment */
     uint32_t order_max;     /* scatterings after which light is left out; 0: no limit */
     bool film_transparent;
-    bool may_start_inside;  /* a translucent object is near where camera rays begin */
-    bool shines_through;    /* light reaches opaque surfaces through translucent objects; else
-                             * these cast black shadows */
-    uint32_t replicas;      /* independent sequences that cover a pixel in turn, >= 1: one is more
-                             * even, and between two the difference tells the error of their mean */
+    bool may_start_inside; /* a translucent object is near where camera rays begin */
+    bool shines_through;   /* light reaches opaque surfaces through translucent objects; else
+                            * these cast black shadows */
+    uint32_t replicas;     /* independent sequences that cover a pixel in turn, >= 1: one is more
+                            * even, and between two the difference tells the error of their mean */
+    bool has_returns;      /* media see what opaque surfaces have from one another and from media */
     const Scatter *scatter; /* later orders and what scatters of the surroundings; NULL: by walks */
     Ledger *ledger;         /* of the samples' time; NULL: none is timed */
     const Job *job;         /* a long walk ends where it is cancelled; NULL: never */
@@ -94,6 +96,8 @@ typedef struct CameraWay {
     uint32_t effects; /* AMB_EFFECT_SURFACE_REFLECTION, _BACKGROUND, _INTERREFLECTION */
     uint32_t bounces; /* internal reflections */
     uint32_t object;  /* whose boundary the branch met last; UINT32_MAX: none */
+    bool returns;     /* into a medium, from an opaque surface that has it from another one or from
+                       * a medium */
 } CameraWay;
 
 /* Looks at a camera path and its walks instead of summing up what they see. */

@@ -24,6 +24,7 @@ typedef enum LedgerEntry {
     LEDGER_SURFACES,      /* likewise what is asked for on the way of light to opaque surfaces */
     LEDGER_CAUSTICS,
     LEDGER_INTERREFLECTION, /* with all that is done for it */
+    LEDGER_RETURN,          /* likewise; see CameraWay */
     LEDGER_ENTRY_COUNT
 } LedgerEntry;
 
@@ -65,7 +66,7 @@ void ledger_take(LedgerClock *clock, LedgerEntry entry, double seconds);
 static inline LedgerEntry ledger_open(LedgerClock *clock, LedgerEntry entry) {
     const LedgerEntry before = clock->entry;
     const bool yields =
-        before == LEDGER_INTERREFLECTION || (ledger_is_way(before) && !ledger_is_way(entry));
+        before >= LEDGER_INTERREFLECTION || (ledger_is_way(before) && !ledger_is_way(entry));
     if (clock->ledger != NULL && !yields && entry != before)
         ledger_switch(clock, entry, clock->object);
     return before;

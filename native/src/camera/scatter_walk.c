@@ -22,7 +22,8 @@ typedef struct Walk {
     MediumStack stack;
     Rgb throughput;
     float begin;      /* rgb_max of the throughput at the start */
-    uint32_t order;   /* scatterings so far */
+    uint32_t order;   /* scatterings so far, */
+    uint32_t first;   /* and those before the walk began */
     uint32_t still;   /* flights until now that moved nothing */
     Rgb forward;      /* optical depth so far of what scatters straight on; see scatter_gather */
     uint32_t bounces; /* internal reflections before the first scattering */
@@ -66,12 +67,17 @@ bool walk_is_wanted(const CameraParams *params) {
     return last > 1 || (last == 1 && (params->effects & AMB_EFFECT_WORLD_LIGHT) != 0);
 }
 
-static void add(const Walk *walk, uint32_t order, Rgb throughput, Rgb radiance) {
-    Rgb *orders = walk->walker->out->orders;
+void walk_add(Walker *walker, uint32_t order, Rgb light) {
+    if (!wants_order(walker->params, order))
+        return;
     const uint32_t index = order < CAMERA_ORDER_COUNT ? order : CAMERA_ORDER_COUNT;
-    const Rgb light = rgb_mul(throughput, radiance);
+    Rgb *orders = walker->out->orders;
     orders[index - 1] = rgb_add(orders[index - 1], light);
-    walker_note(walk->walker, &walk->walker->way, light);
+    walker_note(walker, &walker->way, light);
+}
+
+static void add(const Walk *walk, uint32_t order, Rgb throughput, Rgb radiance) {
+    walk_add(walk->walker, order, rgb_mul(throughput, radiance));
 }
 
 /* Light of the surroundings, which has scattered as often as the walk. */
@@ -87,7 +93,7 @@ static void add_surroundings(const Walk *walk, Rgb radiance) {
 
 static bool wants_surroundings(const Walk *walk) {
     return (walk->walker->params->effects & AMB_EFFECT_WORLD_LIGHT) != 0 &&
-           wants_order(walk->walker->params, walk->order);
+           walk->order > walk->first && wants_order(walk->walker->params, walk->order);
 }
 
 static Target find_target(const Walk *walk) {
@@ -263,7 +269,7 @@ static const uint32_t EVERY = 64;
 
 static void gather(Walk *walk, float length) {
     Walker *walker = walk->walker;
-    if (walk->order == 0 || !wants_order(walker->params, walk->order + 1))
+    if (walk->order == walk->first || !wants_order(walker->params, walk->order + 1))
         return;
     Rgb throughput = walk->throughput;
     if (walk->order > EVERY) {
@@ -401,6 +407,29 @@ static LedgerEntry walk_entry(const Walk *walk) {
     return wants_order(params, 2) ? LEDGER_DOUBLE : LEDGER_WORLD_LIGHT;
 }
 
+/* Light of the opaque surface where a segment ends: of a scattering more than what it has seen. */
+static void see_surface(const Walk *walk, const Target *target, Rgb transmittance) {
+    Walker *walker = walk->walker;
+    const bool has_returns = walker->params->has_returns;
+    const uint32_t scattered = walker->scattered;
+    const CameraWay way = walker->way;
+    const Rgb glow = has_returns ? rgb_mul(walk->throughput, transmittance) : rgb(0, 0, 0);
+    walker->scattered = walk->order;
+    walker->way.returns = has_returns;
+    const DiffuseLight seen =
+        shade_diffuse(walker, &target->surface, walk->d, &walk->stack, glow, has_returns);
+    walker->scattered = scattered;
+    walker->way = way;
+    add_surroundings(walk, rgb_mul(transmittance, seen.radiance));
+    walker->out->parts[CAMERA_PART_CAUSTICS] +=
+        rgb_mean(rgb_mul(walk->throughput, rgb_mul(transmittance, seen.caustics)));
+    if (rgb_max(seen.interreflected) > 0.0f) {
+        walker->way.returns = true;
+        add_surroundings(walk, rgb_mul(transmittance, seen.interreflected));
+        walker->way = way;
+    }
+}
+
 /* One segment and what follows it. False: the walk has ended. */
 static bool step(Walk *walk) {
     const Walker *walker = walk->walker;
@@ -441,14 +470,8 @@ static bool step(Walk *walk) {
         const LedgerEntry before = ledger_open(&walk->walker->clock, LEDGER_WORLD_LIGHT);
         if (!target.is_hit && material == NULL)
             add_surroundings(walk, world_radiance_but_lamps(&walker->scene->world, walk->d));
-        if (target.is_hit && !target.is_boundary) {
-            /* Photons know nothing of what surfaces send one another. */
-            const DiffuseLight seen = shade_diffuse(walk->walker, &target.surface, walk->d,
-                                                    &walk->stack, rgb(0, 0, 0), false);
-            add_surroundings(walk, rgb_mul(transmittance, seen.radiance));
-            walker->out->parts[CAMERA_PART_CAUSTICS] +=
-                rgb_mean(rgb_mul(walk->throughput, rgb_mul(transmittance, seen.caustics)));
-        }
+        if (target.is_hit && !target.is_boundary)
+            see_surface(walk, &target, transmittance);
         ledger_close(&walk->walker->clock, before);
     }
     const float sum = choice.scatter + choice.reflect + choice.pass;
@@ -492,6 +515,8 @@ void walk_scatter(Walker *walker, Vec3 o, Vec3 d, const MediumStack *stack, Rgb 
                  .stack = *stack,
                  .throughput = throughput,
                  .begin = rgb_max(throughput),
+                 .order = walker->scattered,
+                 .first = walker->scattered,
                  .forward = forward,
                  .is_seen = is_seen};
     if (!(walk.begin > 0.0f))

@@ -8,9 +8,14 @@
 /* Whether the effects ask for anything that a walk brings. */
 bool walk_is_wanted(const CameraParams *params);
 
+/* Adds light of an order to the sample, where it is wanted. */
+void walk_add(Walker *walker, uint32_t order, Rgb light);
+
 /* Adds to the sample what scatters inside a medium at least once on the walk's side: light of
  * lamps that the field gathers along each segment after k scatterings has order k + 1, light of
- * the world and of lit opaque surfaces that the walk meets after k of them has order k.
+ * the world and of lit opaque surfaces that the walk meets after k of them has order k, and more
+ * where it scattered on its way to these. A walk that begins behind a surface which one met goes
+ * on counting where that was (walker->scattered).
  *
  * o + t d is a stretch of a camera path in the scattering medium of the stack before its first
  * internal reflection, throughput what the path has there. The walk follows any number of internal

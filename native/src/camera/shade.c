@@ -46,6 +46,9 @@ static Rgb lamp_irradiance(Walker *walker, const SurfacePoint *surface, const Me
 /* Surfaces that are nearly white, in a closed room: the light goes on, but ends. */
 static const float SURVIVAL_MAX = 0.95f;
 
+/* A walk is tried, or left out, that often at least. */
+static const float WALK_MIN = 0.1f;
+
 /* The way back of light that arrives at an opaque surface. */
 typedef struct LightPath {
     Vec3 o, d;
@@ -54,7 +57,8 @@ typedef struct LightPath {
     bool is_bent; /* by a boundary so far: then the map of caustics has what lamps send that way */
     MediumStack stack;
     Rgb weight;
-    float share;          /* of the world's light, and of what glows on the way */
+    float share;          /* of the world's light */
+    float scattered;      /* weight of what scatters on the way; 0: it is left out */
     float interreflected; /* weight of other opaque surfaces' light; 0: they are black */
     uint32_t bounces;     /* internal reflections so far */
 } LightPath;
@@ -66,7 +70,7 @@ typedef struct LightSum {
 } LightSum;
 
 static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
-                          const MediumStack *stack, Rgb glow, float interreflected,
+                          const MediumStack *stack, Rgb glow, float interreflected, float asks,
                           bool meets_lamps);
 
 /* Whether walks bring what scatters on its way to opaque surfaces: of all light, or, where that of
@@ -78,33 +82,61 @@ static bool walks_for_glow(const CameraParams *params) {
     return !is_known && walk_is_wanted(params);
 }
 
+/* A way that a walk led to is one, whatever it passes: it would branch with each medium, without
+ * end in white rooms. The weight of a walk into this one or, negative, of going straight on. */
+static float choose_walk(Walker *walker, const Medium *medium, float length) {
+    const float walks =
+        clampf(1.0f - rgb_mean(medium_transmittance(medium, length)), WALK_MIN, 1.0f - WALK_MIN);
+    return walker_random(walker) < walks ? 1.0f / walks : -1.0f / (1.0f - walks);
+}
+
+static FieldSegment path_segment(const Walker *walker, const LightPath *path, float length) {
+    return (FieldSegment){.o = path->o,
+                          .d = path->d,
+                          .length = length,
+                          .object = medium_stack_top(&path->stack),
+                          .part = walker->part};
+}
+
+static void observe_medium(const Walker *walker, const LightPath *path, float length,
+                           Rgb throughput) {
+    const FieldSegment segment = path_segment(walker, path, length);
+    walker->observer->see_medium(walker->observer->user, &walker->way, &segment, walker->scattered,
+                                 throughput);
+}
+
 /* Attenuates the path, and adds what scatters into it. */
 static void pass_medium(Walker *walker, LightPath *path, float length, Rgb glow) {
     const Medium *medium = &medium_stack_material(walker->scene, &path->stack)->medium;
     const Rgb throughput = rgb_mul(path->weight, glow);
     if (medium_scatters(medium) && rgb_max(throughput) > 0.0f) {
+        if (walker->observer != NULL)
+            observe_medium(walker, path, length, throughput);
         /* What the map of caustics has is not gathered again. */
         const Field *field = walker->field;
         if (walker->params->glow != 0)
             walker->field = NULL;
-        const bool is_wanted =
-            walker->field != NULL && (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0;
+        const bool is_wanted = walker->field != NULL &&
+                               (walker->scattered > 0 ||
+                                (walker->params->effects & AMB_EFFECT_SINGLE_SCATTERING) != 0);
         const float gathers = is_wanted ? walker_gathers(walker, throughput) : 0.0f;
         if (gathers > 0.0f) {
-            const FieldSegment segment = {.o = path->o,
-                                          .d = path->d,
-                                          .length = length,
-                                          .object = medium_stack_top(&path->stack),
-                                          .part = walker->part};
+            const FieldSegment segment = path_segment(walker, path, length);
             const Rgb weight = rgb_scale(throughput, gathers);
             const FieldRadiance gathered = walker_gather(walker, segment, weight);
-            Rgb *single = &walker->out->orders[0];
-            *single = rgb_madd(*single, weight, gathered.radiance);
+            walk_add(walker, walker->scattered + 1, rgb_mul(weight, gathered.radiance));
         }
         /* As along the camera's path: what walls reflect goes on in the walk. */
-        if (path->bounces == 0 && walks_for_glow(walker->params))
-            walk_scatter(walker, path->o, path->d, &path->stack, throughput, rgb(0, 0, 0), false);
+        float straight = 1.0f;
+        if (path->bounces == 0 && walks_for_glow(walker->params)) {
+            const float walks = walker->scattered > 0 ? choose_walk(walker, medium, length) : 1.0f;
+            straight = walker->scattered == 0 ? 1.0f : walks > 0.0f ? 0.0f : -walks;
+            if (walks > 0.0f)
+                walk_scatter(walker, path->o, path->d, &path->stack, rgb_scale(throughput, walks),
+                             rgb(0, 0, 0), false);
+        }
         walker->field = field;
+        path->weight = rgb_scale(path->weight, straight);
     }
     path->weight = rgb_mul(path->weight, medium_transmittance(medium, length));
 }
@@ -143,17 +175,23 @@ static bool survives(Walker *walker, LightPath *path) {
     return true;
 }
 
-/* Light of the opaque surface where the path ends. One more surface is asked by chance. */
+/* One more surface is asked by chance: the weight of its light. */
+static float goes_on(Walker *walker, Rgb albedo) {
+    const float survival = fminf(rgb_max(albedo), SURVIVAL_MAX);
+    return survival > 0.0f && walker_random(walker) < survival ? 1.0f / survival : 0.0f;
+}
+
+/* Light of the opaque surface where the path ends. */
 static void meet_surface(Walker *walker, const LightPath *path, const SurfacePoint *surface,
                          Rgb glow, LightSum *sum) {
-    const float survival = fminf(rgb_max(scene_albedo(walker->scene, surface)), SURVIVAL_MAX);
-    const float next = survival > 0.0f && walker_random(walker) < survival ? 1.0f / survival : 0.0f;
+    const float next = goes_on(walker, scene_albedo(walker->scene, surface));
     const Rgb weight = rgb_scale(path->weight, path->interreflected);
-    const LedgerEntry before = ledger_open(&walker->clock, LEDGER_INTERREFLECTION);
     const CameraWay way = walker->way;
-    walker->way.effects |= AMB_EFFECT_INTERREFLECTION;
+    const LedgerEntry before =
+        ledger_open(&walker->clock, way.returns ? LEDGER_RETURN : LEDGER_INTERREFLECTION);
+    walker->way.effects |= way.returns ? 0u : AMB_EFFECT_INTERREFLECTION;
     const DiffuseLight light =
-        shade(walker, surface, path->d, &path->stack, rgb_mul(weight, glow), next, true);
+        shade(walker, surface, path->d, &path->stack, rgb_mul(weight, glow), next, next, true);
     walker->way = way;
     ledger_close(&walker->clock, before);
     sum->surfaces = rgb_mul(weight, rgb_add(light.radiance, light.interreflected));
@@ -175,7 +213,9 @@ static LightSum follow_light(Walker *walker, LightPath path, Rgb glow) {
             if (!is_hit)
                 scene_leaks_add(&walker->out->leaks, 1, medium_stack_top(&path.stack));
             pass_medium(walker, &path, is_hit ? arrival.t : scene_end(scene, path.o),
-                        rgb_scale(glow, path.share));
+                        rgb_scale(glow, path.scattered));
+            if (!(rgb_max(path.weight) > 0.0f))
+                break;
         }
         if (!is_hit) {
             const Rgb radiance = world_radiance_but_lamps(&scene->world, path.d);
@@ -199,14 +239,14 @@ static LightSum follow_light(Walker *walker, LightPath path, Rgb glow) {
  * balance heuristic, [Veach97] 9.2). Opaque surfaces are seen by the first alone. */
 static LightSum light_of_surroundings(Walker *walker, const SurfacePoint *surface,
                                       const MediumStack *stack, Vec3 ng, Vec3 ns, Rgb glow,
-                                      float interreflected) {
+                                      float interreflected, float asks) {
     const AmbScene *scene = walker->scene;
     const World *world = &scene->world;
     const bool shines_through = walker->params->shines_through;
     LightSum sum = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
-    const bool has_glow =
-        shines_through && rgb_max(glow) > 0.0f &&
-        (walker->params->glow != 0 ? walks_for_glow(walker->params) : walker->field != NULL);
+    const bool has_glow = shines_through && rgb_max(glow) > 0.0f && asks > 0.0f &&
+                          (walks_for_glow(walker->params) || walker->observer != NULL ||
+                           (walker->params->glow == 0 && walker->field != NULL));
     if (world->is_black && !has_glow && !(interreflected > 0.0f))
         return sum;
     Vec3 x, y;
@@ -230,6 +270,7 @@ static LightSum light_of_surroundings(Walker *walker, const SurfacePoint *surfac
                                     .stack = *stack,
                                     .weight = rgb(1, 1, 1),
                                     .share = share,
+                                    .scattered = share * asks,
                                     .interreflected = by_surfaces};
             const LightSum found = follow_light(walker, path, glow);
             sum.world = rgb_add(sum.world, found.world);
@@ -253,16 +294,16 @@ static void add_glow(Walker *walker, const SurfacePoint *surface, Vec3 ng, Rgb w
     for (uint32_t k = 0; k < CAMERA_ORDER_COUNT; ++k) {
         if ((params->glow & bits[k]) == 0)
             continue;
-        const Rgb light = rgb_scale(rgb_mul(weight, glow.orders[k]), 1.0f / AMB_PI);
-        walker->out->orders[k] = rgb_add(walker->out->orders[k], light);
-        walker_note(walker, &walker->way, light);
+        walk_add(walker, walker->scattered + k + 1,
+                 rgb_scale(rgb_mul(weight, glow.orders[k]), 1.0f / AMB_PI));
     }
 }
 
-/* interreflected: weight of other opaque surfaces' light; 0: they are black. meets_lamps: it is not
- * 0, or is so by chance. */
+/* interreflected: weight of other opaque surfaces' light; 0: they are black. asks: weight of what
+ * scatters on the way that is asked for it. meets_lamps: other surfaces are not black, or are so by
+ * chance. */
 static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
-                          const MediumStack *stack, Rgb glow, float interreflected,
+                          const MediumStack *stack, Rgb glow, float interreflected, float asks,
                           bool meets_lamps) {
     const float side = vec3_dot(d, surface->ng) < 0.0f ? 1.0f : -1.0f;
     const Vec3 ng = vec3_scale(surface->ng, side);
@@ -276,12 +317,13 @@ static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
         map != NULL ? caustics_irradiance(map, surface->p, ng, walker->part) : rgb(0, 0, 0);
     ledger_close(clock, before);
     const Rgb lamps = rgb_scale(rgb_add(straight, bent), 1.0f / AMB_PI);
-    before = walker->params->shines_through ? ledger_open(clock, LEDGER_SURFACES)
-             : interreflected > 0.0f        ? ledger_open(clock, LEDGER_INTERREFLECTION)
-                                            : clock->entry;
+    before = walker->way.returns              ? ledger_open(clock, LEDGER_RETURN)
+             : walker->params->shines_through ? ledger_open(clock, LEDGER_SURFACES)
+             : interreflected > 0.0f          ? ledger_open(clock, LEDGER_INTERREFLECTION)
+                                              : clock->entry;
     add_glow(walker, surface, ng, rgb_mul(glow, albedo));
     const LightSum others = light_of_surroundings(walker, surface, stack, ng, ns,
-                                                  rgb_mul(glow, albedo), interreflected);
+                                                  rgb_mul(glow, albedo), interreflected, asks);
     ledger_close(clock, before);
     return (DiffuseLight){
         .radiance = rgb_madd(scene_chance_emission(walker->scene, surface), albedo,
@@ -294,5 +336,9 @@ static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
 
 DiffuseLight shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d,
                            const MediumStack *stack, Rgb glow, bool interreflects) {
-    return shade(walker, surface, d, stack, glow, interreflects ? 1.0f : 0.0f, interreflects);
+    if (walker->scattered > 0 && interreflects) {
+        const float next = goes_on(walker, scene_albedo(walker->scene, surface));
+        return shade(walker, surface, d, stack, glow, next, next, true);
+    }
+    return shade(walker, surface, d, stack, glow, interreflects ? 1.0f : 0.0f, 1.0f, interreflects);
 }

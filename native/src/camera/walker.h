@@ -30,8 +30,9 @@ typedef struct Walker {
     CameraSample *out;
     const CameraObserver *observer; /* NULL: what is seen is summed up in out */
     CameraWay way;                  /* of a walk's beginning */
-    uint32_t part;                  /* of the light field, as FieldSegment's */
-    WaitingGather *waiting;         /* room for one, that it may be made with others; or NULL */
+    uint32_t scattered;     /* how often the walk did whose end is an opaque surface; 0: none did */
+    uint32_t part;          /* of the light field, as FieldSegment's */
+    WaitingGather *waiting; /* room for one, that it may be made with others; or NULL */
     LedgerClock clock;
 } Walker;
 
@@ -47,6 +48,8 @@ static inline void sample_note(CameraSample *sample, const CameraWay *way, Rgb r
         parts[CAMERA_PART_BOUNCES] += mean;
     if ((way->effects & AMB_EFFECT_INTERREFLECTION) != 0)
         parts[CAMERA_PART_INTERREFLECTION] += mean;
+    if (way->returns)
+        parts[CAMERA_PART_RETURN] += mean;
 }
 
 static inline void walker_note(Walker *walker, const CameraWay *way, Rgb radiance) {

@@ -12,7 +12,7 @@
 
 enum { FILM_LOCK_COUNT = 64, FILM_ORDER_COUNT = 3 };
 /* Of the parts by effect those that film_error.h knows. */
-enum { FILM_PART_CAUSTICS = 4, FILM_PART_INTERREFLECTION = 7, FILM_PART_COUNT = 8 };
+enum { FILM_PART_CAUSTICS = 4, FILM_PART_INTERREFLECTION = 7, FILM_PART_COUNT = 9 };
 
 /* What samples add to one pixel. Sums over samples, but for depth: of the first sample. */
 typedef struct FilmPixel {

@@ -84,7 +84,26 @@ void decide_describe(const EffectShares *shares, Plan *plan) {
             plan->objects[(uint64_t)o * PLAN_EFFECT_COUNT + candidate->effect].share =
                 effect_share_of(shares, o, candidate->share);
     }
+    PlanEffect *returned = &plan->effects[PLAN_RETURN];
+    returned->share = effect_share(shares, SHARE_RETURN);
+    for (uint32_t o = 0; o < plan->object_count; ++o)
+        plan->objects[(uint64_t)o * PLAN_EFFECT_COUNT + PLAN_RETURN].share =
+            effect_share_of(shares, o, SHARE_RETURN);
     plan->probe_count = shares->probe_count;
+}
+
+/* Alone: it costs little beside the scattering that it comes to, and nothing without it. */
+static void decide_return(Plan *plan) {
+    PlanEffect *effect = &plan->effects[PLAN_RETURN];
+    if (!effect->is_simulated)
+        return;
+    effect->is_simulated = plan->effects[PLAN_WORLD_LIGHT].is_simulated && effect->share.is_known &&
+                           effect->share.high > plan->share_min;
+    effect->reason = effect->is_simulated ? "large enough to show" : "too small to show";
+    effect->rest = effect->is_simulated ? (Share){.is_known = true} : effect->share;
+    /* Without light of the surroundings it is among what that leaves out. */
+    if (!effect->is_simulated && plan->effects[PLAN_WORLD_LIGHT].is_simulated)
+        plan->omitted += effect->share.value;
 }
 
 static uint32_t last_step(uint32_t c) {
@@ -305,6 +324,7 @@ void decide(const AmbScene *scene, const EffectShares *shares, double accuracy, 
         if (search.is_open[c])
             apply(&search, c, &plan->effects[CANDIDATES[c].effect]);
     forecast_walks(shares, &search, plan);
+    decide_return(plan);
     if (plan->effects[PLAN_SINGLE_SCATTERING].is_simulated)
         choose_targets(scene, DARK_OBJECTS_PART * plan->share_min, plan);
 }

@@ -61,6 +61,8 @@ static void add(Touched *touched, uint32_t half, uint32_t share, Rgb radiance) {
 }
 
 static void add_way(const Look *look, Touched *touched, const CameraWay *way, Rgb radiance) {
+    if (way->returns)
+        add(touched, look->half, SHARE_RETURN, radiance);
     if ((way->effects & AMB_EFFECT_SURFACE_REFLECTION) != 0)
         add(touched, look->half, SHARE_SURFACE_REFLECTION, radiance);
     if ((way->effects & AMB_EFFECT_BACKGROUND) != 0)
@@ -90,7 +92,7 @@ static uint32_t order_share(uint32_t order) {
 static void see_light(void *user, const CameraWay *way, uint32_t order, Rgb radiance) {
     const Look *look = user;
     /* The same arrival, once more. */
-    if ((way->effects & AMB_EFFECT_INTERREFLECTION) == 0)
+    if ((way->effects & AMB_EFFECT_INTERREFLECTION) == 0 && !way->returns)
         count(&look->result->work, way, order, false);
     if (!rgb_is_finite(radiance))
         return;
@@ -123,7 +125,8 @@ static float gathers(Look *look, uint32_t class, Rgb throughput) {
 static void see_medium(void *user, const CameraWay *way, const FieldSegment *segment,
                        uint32_t order, Rgb throughput) {
     Look *look = user;
-    count(&look->result->work, way, order, true);
+    if (!way->returns)
+        count(&look->result->work, way, order, true);
     Touched *touched = touch(look->result, segment->object);
     for (uint32_t c = 0; c < LIGHT_CLASS_COUNT; ++c) {
         const Field *field = look->probe->light->fields[c];

@@ -17,6 +17,7 @@ enum {
     SHARE_BACKGROUND,
     SHARE_TRANSMITTED,
     SHARE_WORLD_LIGHT,
+    SHARE_RETURN,
     /* More reflections than BOUNCE_STEPS[i]; i < BOUNCE_STEP_COUNT - 1: what no step follows is
      * not seen. */
     SHARE_CAMERA_BOUNCES,

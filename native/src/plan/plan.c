@@ -161,6 +161,18 @@ static PlanEffect plan_world(const AmbScene *scene, const AmbRenderParams *param
     return plan_simulated(name, "a medium scatters, and there are surroundings");
 }
 
+static PlanEffect plan_return(const AmbScene *scene, const AmbRenderParams *params,
+                              const Plan *plan) {
+    const char *name = "light that surfaces have from others, in media";
+    if ((params->effects & AMB_EFFECT_INTERREFLECTION) == 0)
+        return plan_skipped(name, "switched off");
+    if (!scene_has_opaque_surface(scene))
+        return plan_skipped(name, "no opaque surface");
+    if (!plan->effects[PLAN_WORLD_LIGHT].is_simulated)
+        return plan_skipped(name, "no medium sees the light of its surroundings");
+    return plan_simulated(name, "media and opaque surfaces are there");
+}
+
 static PlanEffect plan_lamp_images(const AmbScene *scene, const AmbRenderParams *params) {
     const char *name = "images of lamps";
     if ((params->effects & AMB_EFFECT_LAMP_IMAGES) == 0)
@@ -205,6 +217,7 @@ static void apply_rules(const AmbScene *scene, const AmbRenderParams *params, Pl
     effects[PLAN_LIGHT_ON_SURFACES] = plan_light_on_surfaces(scene, params);
     effects[PLAN_CAUSTICS] = plan_caustics(scene, params, plan);
     effects[PLAN_INTERREFLECTION] = plan_interreflection(scene, params);
+    effects[PLAN_RETURN] = plan_return(scene, params, plan);
     effects[PLAN_LAMP_IMAGES] = plan_lamp_images(scene, params);
 }
 
@@ -253,6 +266,7 @@ static AmbStatus measure(const AmbScene *scene, const AmbRenderParams *params, V
                    .effects = plan->is_automatic ? camera_effects(plan) : EFFECTS_ALL,
                    .order_max = params->scatter_order_max,
                    .shines_through = plan->effects[PLAN_LIGHT_ON_SURFACES].is_simulated,
+                   .has_returns = plan->effects[PLAN_RETURN].is_simulated,
                    .job = job,
                    .bounces = BOUNCES_MOST,
                    .seed = params->seed ^ PROBE_SEED,
@@ -477,6 +491,7 @@ static void set_parameters(const AmbScene *scene, const AmbRenderParams *params,
                                   .gathers_by_chance = plan->is_automatic && parts > 1,
                                   .film_transparent = params->film_transparent != 0,
                                   .may_start_inside = scene_may_start_inside(scene),
+                                  .has_returns = effects[PLAN_RETURN].is_simulated,
                                   .replicas = params->accuracy > 0.0f ? 2 : 1};
 }
 

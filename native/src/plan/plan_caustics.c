@@ -126,6 +126,8 @@ void plan_glow(const AmbScene *scene, const AmbRenderParams *params, Plan *plan)
     plan->caustics.glow.photon_count = params->light_samples / SAMPLES_PER_CAUSTIC_RAY + 1;
     plan->caustics.glow.order_max = plan_last_order(params, plan);
     plan->caustics.glow.has_world = has_world;
+    plan->caustics.glow.interreflects = has_world && plan->scatter.interreflects;
+    plan->caustics.glow.returns = has_world && plan->scatter.returns;
     /* Photons for cells land as well. A target asks for numbers of either kind. */
     const ScatterParams *cells = &plan->scatter;
     if (plan->scatter_estimator == AMB_SCATTER_PHOTONS && !(params->accuracy > 0.0f) &&

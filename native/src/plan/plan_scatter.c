@@ -150,15 +150,20 @@ void plan_scatter(const AmbScene *scene, const AmbRenderParams *params, Plan *pl
     if (uses_tree_cut && plan->effects[PLAN_WORLD_LIGHT].is_simulated) {
         plan->effects[PLAN_WORLD_LIGHT].is_simulated = false;
         plan->effects[PLAN_WORLD_LIGHT].reason = "TREE_CUT has volume samples of lamps alone";
+        plan->effects[PLAN_RETURN].is_simulated = false;
+        plan->effects[PLAN_RETURN].reason = plan->effects[PLAN_WORLD_LIGHT].reason;
     }
-    plan->scatter = (ScatterParams){.uses_tree_cut = uses_tree_cut,
-                                    .photon_count = count_photons(params),
-                                    .light_bounces = plan->light.bounces,
-                                    .order_max = plan_last_order(params, plan),
-                                    .follows_through = plan->light.follows_through,
-                                    .adjoint_normals = params->adjoint_normals != 0,
-                                    .has_world = plan->effects[PLAN_WORLD_LIGHT].is_simulated,
-                                    .seed = params->seed};
+    plan->scatter =
+        (ScatterParams){.uses_tree_cut = uses_tree_cut,
+                        .photon_count = count_photons(params),
+                        .light_bounces = plan->light.bounces,
+                        .order_max = plan_last_order(params, plan),
+                        .follows_through = plan->light.follows_through,
+                        .adjoint_normals = params->adjoint_normals != 0,
+                        .has_world = plan->effects[PLAN_WORLD_LIGHT].is_simulated,
+                        .interreflects = plan->camera.has_returns,
+                        .returns = plan->camera.has_returns && plan->camera.shines_through,
+                        .seed = params->seed};
 }
 
 uint32_t plan_last_order(const AmbRenderParams *params, const Plan *plan) {

@@ -106,6 +106,7 @@ static bool ledger_entry(uint32_t effect, LedgerEntry *out_entry) {
                  {PLAN_LIGHT_ON_SURFACES, LEDGER_SURFACES},
                  {PLAN_CAUSTICS, LEDGER_CAUSTICS},
                  {PLAN_INTERREFLECTION, LEDGER_INTERREFLECTION},
+                 {PLAN_RETURN, LEDGER_RETURN},
                  {PLAN_DOUBLE_SCATTERING, LEDGER_DOUBLE},
                  {PLAN_MULTIPLE_SCATTERING, LEDGER_MULTIPLE}};
     for (uint32_t i = 0; i < sizeof known / sizeof known[0]; ++i)
@@ -195,7 +196,8 @@ static bool measured_share(const FilmShares *shares, uint32_t effect, double *ou
                  {PLAN_LIGHT_BOUNCES, CAMERA_PART_LIGHT_BOUNCES, false},
                  {PLAN_TRANSMITTED_LIGHT, CAMERA_PART_TRANSMITTED, false},
                  {PLAN_CAUSTICS, CAMERA_PART_CAUSTICS, false},
-                 {PLAN_INTERREFLECTION, CAMERA_PART_INTERREFLECTION, false}};
+                 {PLAN_INTERREFLECTION, CAMERA_PART_INTERREFLECTION, false},
+                 {PLAN_RETURN, CAMERA_PART_RETURN, false}};
     if (effect == PLAN_LAMP_IMAGES) {
         *out_share = shares->lamps;
         return shares->has_any;
@@ -233,7 +235,8 @@ static void add_effects(Text *text, const AmbScene *scene, const Plan *plan,
         add(text, ", ");
         double measured = 0.0;
         /* Cells hold light of lamps and of the surroundings together. */
-        const bool is_mixed = i == PLAN_WORLD_LIGHT && plan->scatter_estimator != AMB_SCATTER_WALK;
+        const bool is_mixed = (i == PLAN_WORLD_LIGHT || i == PLAN_RETURN) &&
+                              plan->scatter_estimator != AMB_SCATTER_WALK;
         const bool is_measured =
             effect->is_simulated && !is_mixed && measured_share(&shares, i, &measured);
         add_number(text, "measured", is_measured, measured);

@@ -136,8 +136,7 @@ AmbStatus glow_trace(const AmbScene *scene, const ScatterParams *params, Job *jo
     if (status == AMB_OK)
         status = build_depths(scene, job, cells);
     if (status == AMB_OK)
-        status = photon_source_create(scene, params->photon_count, params->has_world, params->seed,
-                                      &source);
+        status = photon_source_create(scene, params, &source);
     if (status == AMB_OK) {
         Trace trace = {.walk = {.scene = scene,
                                 .params = params,

@@ -14,59 +14,61 @@ enum {
 static Photon emit_line(const LightBatch *batch, uint64_t i);
 
 /* Radiance of what is behind p against d, translucent objects left aside. */
-static Rgb background(const AmbScene *scene, Vec3 p, Vec3 d, Rng rng) {
+static Rgb background(const AmbScene *scene, Vec3 p, Vec3 d, bool interreflects, Rng rng) {
+    uint32_t dimension = 0;
     const Vec3 back = vec3_negate(d);
     Hit hit;
     for (int i = 0; i < PROBE_SURFACES && scene_intersect(scene, p, back, INFINITY, &hit); ++i) {
         const SurfacePoint surface = scene_surface(scene, &hit);
         if (surface.material->surface != AMB_SURFACE_DIELECTRIC)
-            return photon_surface_radiance(scene, &surface, d, rng, 0);
+            return photon_surface_radiance(scene, &surface, d, interreflects, rng, &dimension);
         p = scene_leave(&surface, back);
     }
     return world_radiance_but_lamps(&scene->world, back);
 }
 
 /* Flux from around an object towards it, W, about. */
-static double surroundings_power(const AmbScene *scene, const LightBatch *batch, uint32_t seed) {
+static double surroundings_power(const AmbScene *scene, const LightBatch *batch,
+                                 const ScatterParams *params) {
     LightBatch probe = *batch;
     probe.emission.count = PROBE_LINES;
     double power = 0.0;
     for (uint32_t i = 0; i < PROBE_LINES; ++i) {
         const Photon line = emit_line(&probe, i);
-        const Rng rng = rng_create(seed, RNG_STAGE_PHOTON, i);
-        const Rgb radiance = background(scene, probe.emission.target, line.d, rng);
+        const Rng rng = rng_create(params->seed, RNG_STAGE_PHOTON, i);
+        const Rgb radiance =
+            background(scene, probe.emission.target, line.d, params->interreflects, rng);
         power += (double)rgb_mean(rgb_mul(line.flux, radiance));
     }
     return power;
 }
 
-static void list_batches(const AmbScene *scene, bool has_surroundings, uint32_t seed,
-                         PhotonSource *source) {
+static void list_batches(const AmbScene *scene, const ScatterParams *params, PhotonSource *source) {
     const uint32_t last = scene->light_count; /* the surroundings come after the lamps */
-    for (uint32_t l = 0; l < last + (has_surroundings ? 1u : 0u); ++l) {
+    for (uint32_t l = 0; l < last + (params->has_world ? 1u : 0u); ++l) {
         const SceneLight *light = l < last ? &scene->lights[l] : NULL;
         for (uint32_t o = 0; o < scene->object_count; ++o) {
-            const Rng rng = rng_create(seed, RNG_STAGE_PHOTON, l);
+            const Rng rng = rng_create(params->seed, RNG_STAGE_PHOTON, l);
             LightBatch batch;
             if (!light_batch_aim(scene, light, o, rng, &batch))
                 continue;
             batch.power = light != NULL ? (double)light_power_towards(&batch.emission)
-                                        : surroundings_power(scene, &batch, seed);
+                                        : surroundings_power(scene, &batch, params);
             if (batch.power > 0.0)
                 source->batches[source->batch_count++] = batch;
         }
     }
 }
 
-AmbStatus photon_source_create(const AmbScene *scene, uint64_t photon_count, bool has_surroundings,
-                               uint32_t seed, PhotonSource *out_source) {
-    *out_source = (PhotonSource){.photon_count = photon_count};
+AmbStatus photon_source_create(const AmbScene *scene, const ScatterParams *params,
+                               PhotonSource *out_source) {
+    *out_source = (PhotonSource){.photon_count = params->photon_count};
     out_source->batches = memory_zero_array(
         ((uint64_t)scene->light_count + 1) * scene->object_count, sizeof(LightBatch));
     if (out_source->batches == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for the plan of photons");
-    list_batches(scene, has_surroundings, seed, out_source);
-    light_batches_share(out_source->batches, out_source->batch_count, photon_count);
+    list_batches(scene, params, out_source);
+    light_batches_share(out_source->batches, out_source->batch_count, params->photon_count);
     if (out_source->batch_count == 0)
         out_source->photon_count = 0;
     return AMB_OK;
@@ -126,31 +128,63 @@ float photon_falloff(const Photon *photon, float t) {
     return distance * distance / (distance * distance + light->radius * light->radius);
 }
 
-Rgb photon_surface_radiance(const AmbScene *scene, const SurfacePoint *surface, Vec3 d, Rng rng,
-                            uint32_t dimension) {
-    const float side = vec3_dot(d, surface->ng) > 0.0f ? 1.0f : -1.0f;
-    const Vec3 ng = vec3_scale(surface->ng, side);
-    const Vec3 ns = vec3_scale(surface->ns, side);
+/* Of the lamps, straight from there. */
+static Rgb lamp_irradiance(const AmbScene *scene, const SurfacePoint *surface, Vec3 ng, Vec3 ns,
+                           Rng rng, uint32_t *dimension) {
     const Vec3 p = scene_leave(surface, ng);
     Rgb irradiance = rgb(0, 0, 0);
-    for (uint32_t l = 0; l < scene->light_count; ++l, dimension += 2) {
-        const Sample2 u = {rng_float(rng, dimension), rng_float(rng, dimension + 1)};
-        const LightArrival light = light_arrival(&scene->lights[l], surface->p, u);
+    for (uint32_t l = 0; l < scene->light_count; ++l) {
+        const float u = rng_float(rng, (*dimension)++);
+        const Sample2 at = {u, rng_float(rng, (*dimension)++)};
+        const LightArrival light = light_arrival(&scene->lights[l], surface->p, at);
         const float cosine = vec3_dot(light.wi, ns);
         if (cosine > 0.0f && vec3_dot(light.wi, ng) > 0.0f && rgb_max(light.irradiance) > 0.0f &&
             !scene_is_occluded(scene, p, light.wi, light.distance))
             irradiance = rgb_add(irradiance, rgb_scale(light.irradiance, cosine));
     }
-    const Rgb albedo = scene_albedo(scene, surface);
-    Rgb radiance = rgb_scale(rgb_mul(albedo, irradiance), 1.0f / AMB_PI);
-    if (!scene->world.is_black) {
+    return irradiance;
+}
+
+float photon_survival(Rgb albedo) {
+    return fminf(rgb_max(albedo), 0.95f);
+}
+
+Rgb photon_surface_radiance(const AmbScene *scene, const SurfacePoint *surface, Vec3 d,
+                            bool interreflects, Rng rng, uint32_t *dimension) {
+    Rgb radiance = rgb(0, 0, 0), weight = rgb(1, 1, 1);
+    SurfacePoint at = *surface;
+    for (;;) {
+        const float side = vec3_dot(d, at.ng) > 0.0f ? 1.0f : -1.0f;
+        const Vec3 ng = vec3_scale(at.ng, side);
+        const Vec3 ns = vec3_scale(at.ns, side);
+        const Rgb lamps = lamp_irradiance(scene, &at, ng, ns, rng, dimension);
+        const Rgb emission = scene_chance_emission(scene, &at);
+        radiance = rgb_add(radiance, rgb_mul(weight, emission));
+        const Rgb albedo = scene_albedo(scene, &at);
+        weight = rgb_mul(weight, albedo);
+        radiance = rgb_add(radiance, rgb_scale(rgb_mul(weight, lamps), 1.0f / AMB_PI));
+        if (scene->world.is_black && !interreflects)
+            break;
         Vec3 x, y;
         vec3_frame(ns, &x, &y);
-        const Sample2 u = {rng_float(rng, dimension), rng_float(rng, dimension + 1)};
-        const Vec3 wi = frame_to_world(x, y, ns, sample_cosine_hemisphere(u));
-        if (vec3_dot(wi, ng) > 0.0f && !scene_is_occluded(scene, p, wi, INFINITY))
-            radiance =
-                rgb_add(radiance, rgb_mul(albedo, world_radiance_but_lamps(&scene->world, wi)));
+        const float u = rng_float(rng, (*dimension)++);
+        const Sample2 s = {u, rng_float(rng, (*dimension)++)};
+        const Vec3 wi = frame_to_world(x, y, ns, sample_cosine_hemisphere(s));
+        if (!(vec3_dot(wi, ng) > 0.0f))
+            break;
+        Hit hit;
+        if (!scene_intersect(scene, scene_leave(&at, ng), wi, INFINITY, &hit)) {
+            const Rgb world = world_radiance_but_lamps(&scene->world, wi);
+            radiance = rgb_add(radiance, rgb_mul(weight, world));
+            break;
+        }
+        const float survival = photon_survival(albedo);
+        at = scene_surface(scene, &hit);
+        if (!interreflects || at.material->surface == AMB_SURFACE_DIELECTRIC ||
+            !(rng_float(rng, (*dimension)++) < survival))
+            break;
+        weight = rgb_scale(weight, 1.0f / survival);
+        d = vec3_negate(wi);
     }
-    return rgb_add(radiance, scene_chance_emission(scene, surface));
+    return radiance;
 }

@@ -3,6 +3,7 @@
 #ifndef AMB_FIELD_SCATTER_PHOTON_SOURCE_H
 #define AMB_FIELD_SCATTER_PHOTON_SOURCE_H
 
+#include "field/scatter/scatter.h"
 #include "light/light_batch.h"
 
 typedef struct PhotonSource {
@@ -17,8 +18,8 @@ typedef struct Photon {
     const LightBatch *batch;
 } Photon;
 
-AmbStatus photon_source_create(const AmbScene *scene, uint64_t photon_count, bool has_surroundings,
-                               uint32_t seed, PhotonSource *out_source);
+AmbStatus photon_source_create(const AmbScene *scene, const ScatterParams *params,
+                               PhotonSource *out_source);
 void photon_source_clear(PhotonSource *source);
 
 /* Photons towards an object. */
@@ -27,12 +28,16 @@ uint64_t photon_source_count(const PhotonSource *source, uint32_t object);
 /* Photon i < photon_count. Those of a batch form a lattice, as the rays of the light pass do. */
 Photon photon_emit(const PhotonSource *source, uint64_t i);
 
-/* Radiance that an opaque surface outside of all media sends along d: lamps and the world straight
- * from there, as for camera paths, translucent objects casting black shadows, and its own emission
- * unless it is one of the lamps. Three random numbers
- * for each lamp and for the world, from `dimension` on. */
-Rgb photon_surface_radiance(const AmbScene *scene, const SurfacePoint *surface, Vec3 d, Rng rng,
-                            uint32_t dimension);
+/* Radiance that an opaque surface outside of all media sends along d, translucent objects casting
+ * black shadows: that of lamps and the world, straight from there or, where it interreflects, by
+ * way of other opaque surfaces, and its own emission unless it is one of the lamps. Random numbers
+ * from *dimension on. */
+Rgb photon_surface_radiance(const AmbScene *scene, const SurfacePoint *surface, Vec3 d,
+                            bool interreflects, Rng rng, uint32_t *dimension);
+
+/* Of light that an opaque surface sends on so much survives, for as much more: in closed rooms with
+ * white walls it ends. */
+float photon_survival(Rgb albedo);
 
 /* Share of the flux that reaches distance t, of a photon that nothing stopped: the falloff of
  * Cycles' discs (see light_trace). */

@@ -41,8 +41,14 @@ typedef struct Walker {
     uint32_t still;       /* flights until now that moved nothing */
     uint32_t reflections; /* internal ones, before the first scattering */
     bool is_of_surroundings;
-    bool is_straight; /* from a lamp, nothing met yet */
+    bool is_straight;   /* from a lamp, nothing met yet */
+    bool has_left;      /* an object */
+    bool has_turned;    /* off an opaque surface, or off the outside of an object; */
+    bool comes_from_it; /* that surface, with nothing met since; */
+    bool has_scattered; /* since then */
 } Walker;
+
+static void follow(Walker *walker, const Hit *first);
 
 static float next_random(Walker *walker) {
     return rng_float(walker->rng, walker->dimension++);
@@ -150,6 +156,8 @@ static bool collide(Walker *walker, const Medium *medium, uint32_t object, Rgb s
     }
     ++walker->order;
     walker->is_straight = false;
+    walker->has_scattered = true;
+    walker->comes_from_it = false;
     ++tally->collision_count;
     /* The first scattering of a lamp's light is the light field's. */
     if (cells->layer_count > 0 && (walker->order > 1 || walker->is_of_surroundings)) {
@@ -277,18 +285,33 @@ static void land(const Walker *walker, const SurfacePoint *surface) {
     keep_landing(walker->landings, &landing);
 }
 
-/* A lamp in a medium lights what is opaque there: that is of the surroundings, once. */
-static bool meet_opaque(Walker *walker, const SurfacePoint *surface) {
-    if (walker->landings != NULL && walker->order > 0)
-        land(walker, surface);
-    if (walker->stack.count == 0)
+/* Whether light goes on from an opaque surface: it is of the surroundings from then on. What lines
+ * from there bring has met no object yet. */
+static bool goes_on(const Walker *walker) {
+    const ScatterParams *params = walker->walk->params;
+    if (!params->has_world || has_last_order(walker))
         return false;
+    /* A lamp in a medium lights what is opaque there. */
+    if (walker->stack.count > 0 && walker->is_straight)
+        return true;
+    return params->returns && (params->interreflects || !walker->comes_from_it);
+}
+
+static bool meet_opaque(Walker *walker, const SurfacePoint *surface) {
+    /* What went on from another surface is found by the ray that asks for it here. */
+    if (walker->landings != NULL && walker->has_scattered)
+        land(walker, surface);
+    const Rgb albedo = scene_albedo(walker->walk->scene, surface);
+    const float survival = photon_survival(albedo);
+    const bool survives = goes_on(walker) && next_random(walker) < survival;
     const Rgb before = walker->flux;
-    const bool goes_on = walker->is_straight && walker->walk->params->has_world;
-    walker->flux = rgb_scale(rgb_mul(before, scene_albedo(walker->walk->scene, surface)),
-                             goes_on ? 1.0f : 0.0f);
-    tally_add(walker->tally->absorbed, before);
-    tally_add(walker->tally->absorbed, rgb_scale(walker->flux, -1.0f));
+    walker->flux = rgb_scale(rgb_mul(before, albedo), survives ? 1.0f / survival : 0.0f);
+    if (walker->stack.count > 0) {
+        tally_add(walker->tally->absorbed, before);
+        tally_add(walker->tally->absorbed, rgb_scale(walker->flux, -1.0f));
+    }
+    if (!survives)
+        return false;
     const float side = vec3_dot(walker->d, surface->ng) < 0.0f ? 1.0f : -1.0f;
     const Vec3 n = vec3_scale(surface->ns, side);
     Vec3 x, y;
@@ -298,9 +321,36 @@ static bool meet_opaque(Walker *walker, const SurfacePoint *surface) {
     walker->d = frame_to_world(x, y, n, sample_cosine_hemisphere(s));
     walker->o = scene_leave(surface, vec3_scale(surface->ng, side));
     walker->depth = 0.0f;
+    walker->way = 0.0f;
     walker->is_straight = false;
+    walker->has_turned = true;
+    walker->comes_from_it = true;
+    walker->has_scattered = false;
     walker->is_of_surroundings = true;
-    return goes_on && vec3_dot(walker->d, surface->ng) * side > 0.0f;
+    return vec3_dot(walker->d, surface->ng) * side > 0.0f;
+}
+
+/* Light that comes from outside for the first time enters; what the boundary reflects of it goes
+ * its own way, to opaque surfaces. Of a lamp's light nothing else sees it. */
+static void reflect_outside(Walker *walker, const BoundaryCrossing *crossing) {
+    Walker part = *walker;
+    part.rng.key = rng_mix(walker->rng.key + rng_mix(walker->dimension++));
+    part.dimension = 0;
+    if (!crossing->can_reflect || !(next_random(&part) < crossing->split.reflectance))
+        return;
+    part.d = crossing->split.reflected;
+    part.flux = rgb_mul(part.flux, crossing->surface.material->reflect_color);
+    if (walker->walk->params->adjoint_normals)
+        part.flux = rgb_scale(part.flux, crossing->adjoint_reflect);
+    part.o = scene_leave(&crossing->surface, part.d);
+    part.way = 0.0f;
+    part.has_turned = true;
+    Hit hit;
+    if (!scene_intersect(part.walk->scene, part.o, part.d, INFINITY, &hit))
+        return;
+    const SurfacePoint surface = scene_surface(part.walk->scene, &hit);
+    if (part.is_of_surroundings || surface.material->surface != AMB_SURFACE_DIELECTRIC)
+        follow(&part, &hit);
 }
 
 /* Light goes on beyond a boundary, or back from it. False: it ends there. */
@@ -322,13 +372,20 @@ static bool meet(Walker *walker, const Hit *hit) {
         return true;
     }
     walker->is_straight = false;
+    walker->comes_from_it = false;
+    /* Straight through one object into another: where that is left out, the rest lands. */
+    if (walker->has_left && is_outside && walker->order == 0 && !walker->is_of_surroundings &&
+        !params->follows_through)
+        return false;
     const DielectricSplit *split = &crossing.split;
     const bool is_adjoint = params->adjoint_normals && walker->order == 0;
     /* Light from outside enters by its transmittance; inside, and once it has scattered, one of
      * both ways is drawn. Where interpolated normals forbid one of them, the other takes all. */
     bool is_refracted = true;
     float weight = 1.0f;
-    if (is_outside && walker->order == 0) {
+    if (is_outside && walker->order == 0 && !walker->has_turned) {
+        if (params->returns)
+            reflect_outside(walker, &crossing);
         if (!crossing.can_refract)
             return false;
         weight = 1.0f - split->reflectance;
@@ -364,7 +421,9 @@ static bool meet(Walker *walker, const Hit *hit) {
             tally_add(walker->tally->entered, walker->flux);
         if (walker->stack.count == 0) {
             tally_add(walker->tally->escaped, walker->flux);
-            return walker->order > 0 || walker->is_of_surroundings || params->follows_through;
+            walker->has_left = true;
+            return walker->order > 0 || walker->is_of_surroundings || params->follows_through ||
+                   params->returns;
         }
     }
     return true;
@@ -383,8 +442,6 @@ static bool survives(Walker *walker) {
     walker->worth = rgb_max(walker->flux);
     return true;
 }
-
-static void follow(Walker *walker, const Hit *first);
 
 /* A distance below `length`, from the channels' densities there in proportion to what collides of
  * each (one-sample balance heuristic, as in draw_flight); *out_stretch: what arrives there per
@@ -504,9 +561,9 @@ static void follow_line(Walker *walker, const Photon *line) {
         o = scene_leave(&surface, line->d);
         if (surface.material->surface != AMB_SURFACE_DIELECTRIC) {
             if (stack.count == 0)
-                radiance = photon_surface_radiance(scene, &surface, line->d, walker->rng,
-                                                   walker->dimension);
-            walker->dimension += 2 * (scene->light_count + 1);
+                radiance = photon_surface_radiance(scene, &surface, line->d,
+                                                   walker->walk->params->interreflects, walker->rng,
+                                                   &walker->dimension);
             continue;
         }
         const BoundaryCrossing crossing = boundary_cross(scene, &stack, &surface, line->d);
@@ -519,7 +576,9 @@ static void follow_line(Walker *walker, const Photon *line) {
             walker->stack = stack;
             walker->flux = rgb_mul(line->flux, radiance);
             walker->order = 0;
-            follow(walker, &hit);
+            Walker part = *walker;
+            follow(&part, &hit);
+            walker->dimension = part.dimension;
         }
         if (crossing.beyond.count == 0)
             radiance = rgb(0, 0, 0);

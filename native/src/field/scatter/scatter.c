@@ -196,8 +196,7 @@ static AmbStatus sum_banks(Trace *trace) {
 static AmbStatus run(const AmbScene *scene, const ScatterParams *params, Job *job,
                      Scatter *scatter) {
     PhotonSource source;
-    AMB_TRY(photon_source_create(scene, params->photon_count, params->has_world, params->seed,
-                                 &source));
+    AMB_TRY(photon_source_create(scene, params, &source));
     AmbStatus status = build_cells(scene, params, &source, job, scatter);
     Trace *trace = memory_zero_array(1, sizeof *trace);
     if (status == AMB_OK && trace == NULL) {

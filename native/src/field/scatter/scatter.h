@@ -18,7 +18,9 @@ typedef struct ScatterParams {
     uint32_t order_max;     /* scatterings to follow; 0: no limit */
     bool follows_through;   /* go on with light that leaves an object, to others behind it */
     bool adjoint_normals;   /* see BoundaryCrossing; for light that has not scattered yet */
-    bool has_world;         /* the world's light enters media; photons only */
+    bool has_world;         /* the world's light enters media; photons only, as are the next two: */
+    bool interreflects;     /* what opaque surfaces send one another does, too, */
+    bool returns;           /* and what comes to them from translucent objects */
     float landing_part; /* of the photons, whose landings on opaque surfaces are kept; 0: none */
     uint32_t seed;
 } ScatterParams;
