@@ -66,7 +66,7 @@ def test_glowing_walls_light_one_another(has_glass: bool) -> None:
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-@pytest.mark.parametrize(("ior", "sigma_s", "error"), [(1.0, 1.0, 0.02), (1.4, 4.0, 0.04)])
+@pytest.mark.parametrize(("ior", "sigma_s", "error"), [(1.0, 1.0, 0.03), (1.4, 4.0, 0.05)])
 def test_a_white_medium_vanishes_in_a_glowing_room(
     estimator: str, ior: float, sigma_s: float, error: float
 ) -> None:
@@ -84,12 +84,12 @@ def test_a_white_medium_vanishes_in_a_glowing_room(
         camera_bounces=32,
         light_bounces=8,
         light_samples=2**17,
+        samples=1024 if estimator == "walks" else 64,
         scatter_estimator=ESTIMATORS[estimator],
     )
     relative = image * (1 - ALBEDO) / 0.3
     ball = relative[2:6, 2:6].mean(axis=(0, 1))
-    # The camera's side alone would leave the ball at 0.3 of the red light. Cells blur by a percent
-    # or two.
+    # With what surfaces emit alone the ball would have 0.3 of the red light.
     assert ball == pytest.approx(np.ones(3), abs=error)
     assert relative.mean(axis=(0, 1)) == pytest.approx(np.ones(3), abs=error)
 

@@ -407,17 +407,30 @@ static LedgerEntry walk_entry(const Walk *walk) {
     return wants_order(params, 2) ? LEDGER_DOUBLE : LEDGER_WORLD_LIGHT;
 }
 
-/* Light of the opaque surface where a segment ends: of a scattering more than what it has seen. */
+/* Whether what a surface has from others and from media is asked for, and as how much. That is a
+ * path of its own, which may end in a walk: a walk inside a medium with a surface in it, which sees
+ * this at each of its events, begins one of them on average. */
+static float weigh_returns(const Walk *walk, Rgb transmittance) {
+    Walker *walker = walk->walker;
+    if (!walker->params->has_returns)
+        return 0.0f;
+    const float arriving = rgb_max(rgb_mul(walk->throughput, transmittance));
+    const float chance =
+        fminf(arriving / walk->begin, 1.0f) * fminf(arriving / WALKER_ROULETTE_THROUGHPUT, 1.0f);
+    return walker_random(walker) < chance ? 1.0f / chance : 0.0f;
+}
+
+/* Light of the opaque surface where a segment ends. */
 static void see_surface(const Walk *walk, const Target *target, Rgb transmittance) {
     Walker *walker = walk->walker;
-    const bool has_returns = walker->params->has_returns;
+    const float returns = weigh_returns(walk, transmittance);
     const uint32_t scattered = walker->scattered;
     const CameraWay way = walker->way;
-    const Rgb glow = has_returns ? rgb_mul(walk->throughput, transmittance) : rgb(0, 0, 0);
+    const Rgb glow = rgb_scale(rgb_mul(walk->throughput, transmittance), returns);
     walker->scattered = walk->order;
-    walker->way.returns = has_returns;
+    walker->way.returns = returns > 0.0f;
     const DiffuseLight seen =
-        shade_diffuse(walker, &target->surface, walk->d, &walk->stack, glow, has_returns);
+        shade_diffuse(walker, &target->surface, walk->d, &walk->stack, glow, returns > 0.0f);
     walker->scattered = scattered;
     walker->way = way;
     add_surroundings(walk, rgb_mul(transmittance, seen.radiance));
@@ -425,7 +438,7 @@ static void see_surface(const Walk *walk, const Target *target, Rgb transmittanc
         rgb_mean(rgb_mul(walk->throughput, rgb_mul(transmittance, seen.caustics)));
     if (rgb_max(seen.interreflected) > 0.0f) {
         walker->way.returns = true;
-        add_surroundings(walk, rgb_mul(transmittance, seen.interreflected));
+        add_surroundings(walk, rgb_scale(rgb_mul(transmittance, seen.interreflected), returns));
         walker->way = way;
     }
 }
