@@ -373,14 +373,11 @@ def test_depth_is_that_of_cycles(small, real_library, render_to, kind):
     assert np.abs(ours - cycles)[:, 7:].max() <= span
 
 
-def test_walls_light_one_another_as_in_cycles(small, real_library, render_to):
-    """A room with a red wall and a lamp; in most of the picture half of the light is the walls'."""
-    if "cycles" not in dir(small):
-        pytest.skip("no Cycles")
+def closed_room(colors):
+    """Walls of the first color but one, and a lamp; a mesh of its own."""
     bpy.ops.mesh.primitive_cube_add(size=4, location=(0, -0.5, 0))
     room = bpy.context.object
     room.scale.y = 2.5
-    colors = ((0.8, 0.8, 0.8), (0.9, 0.1, 0.1))
     for color in colors:
         material = bpy.data.materials.new("Wall")
         if bpy.app.version < (5, 0):
@@ -395,25 +392,68 @@ def test_walls_light_one_another_as_in_cycles(small, real_library, render_to):
     next(p for p in room.data.polygons if p.normal.x < -0.9).material_index = 1
     bpy.ops.object.light_add(type="POINT", location=(0.5, 0, 0.8))
     bpy.context.object.data.energy, bpy.context.object.data.shadow_soft_size = 100, 0
-    small.camera.data.lens = 18
+
+
+def by_both_engines(scene, render_to, samples):
+    """Radiance by engine, in blocks of 4 x 4 pixels, paths of any length."""
     seen = {}
     for engine in ("CYCLES", "AMBERLIGHT"):
-        small.render.engine = engine
-        small.amberlight.samples = small.cycles.samples = 256
-        small.cycles.use_denoising = small.cycles.use_adaptive_sampling = False
-        small.cycles.pixel_filter_type = "BOX"
-        small.cycles.max_bounces = small.cycles.diffuse_bounces = 64
-        small.cycles.sample_clamp_indirect = 0
+        scene.render.engine = engine
+        scene.amberlight.samples = scene.cycles.samples = samples
+        scene.cycles.use_denoising = scene.cycles.use_adaptive_sampling = False
+        scene.cycles.pixel_filter_type = "BOX"
+        scene.cycles.max_bounces = scene.cycles.diffuse_bounces = 64
+        scene.cycles.volume_bounces = scene.cycles.transparent_max_bounces = 64
+        scene.cycles.sample_clamp_indirect = 0
         channels = render_to(engine)
         image = np.stack([channels[f"ViewLayer.Combined.{c}"] for c in "RGB"], axis=-1)
-        # Blocks of 4 x 4 pixels.
         seen[engine] = image.reshape(2, 4, 3, 4, 3).mean(axis=(1, 3))
-    ours, cycles = seen["AMBERLIGHT"], seen["CYCLES"]
+    return seen["AMBERLIGHT"], seen["CYCLES"]
+
+
+def test_walls_light_one_another_as_in_cycles(small, real_library, render_to):
+    """A room with a red wall and a lamp; in most of the picture half of the light is the walls'."""
+    if "cycles" not in dir(small):
+        pytest.skip("no Cycles")
+    closed_room(((0.8, 0.8, 0.8), (0.9, 0.1, 0.1)))
+    small.camera.data.lens = 18
+    ours, cycles = by_both_engines(small, render_to, 256)
     assert ours == pytest.approx(cycles, rel=0.04)
     assert ours.mean() == pytest.approx(cycles.mean(), rel=0.01)
     small.amberlight.effects, small.amberlight.use_interreflection = "MANUAL", False
     alone = render_to("alone")["ViewLayer.Combined.R"]
     assert alone.mean() < 0.6 * ours[..., 0].mean()
+
+
+@pytest.mark.parametrize(("estimator", "error"), [("WALK", 0.02), ("PHOTONS", 0.04)])
+def test_media_see_what_walls_send_one_another_as_in_cycles(
+    small, real_library, render_to, estimator, error
+):
+    """The same room with a cloud in it, of which Cycles finds all light by next events. With 4096
+    samples walks are 0.3 to 0.4 % brighter, photons, of which landings on walls are few, 1 %."""
+    if "cycles" not in dir(small):
+        pytest.skip("no Cycles")
+    closed_room(((0.8, 0.8, 0.8), (0.9, 0.1, 0.1)))
+    bpy.ops.mesh.primitive_ico_sphere_add(radius=1.1, subdivisions=3, location=(0, 0, -0.8))
+    cloud = bpy.data.materials.new("Cloud")
+    if bpy.app.version < (5, 0):
+        cloud.use_nodes = True
+    nodes = cloud.node_tree.nodes
+    nodes.clear()
+    volume = nodes.new("ShaderNodeVolumePrincipled")
+    volume.inputs["Density"].default_value = 1.5
+    volume.inputs["Color"].default_value = (0.9, 0.7, 0.5, 1)
+    output = nodes.new("ShaderNodeOutputMaterial")
+    cloud.node_tree.links.new(volume.outputs[0], output.inputs["Volume"])
+    bpy.context.object.data.materials.append(cloud)
+    small.camera.data.lens = 35
+    small.amberlight.scatter_estimator = estimator
+    ours, cycles = by_both_engines(small, render_to, 1024)
+    assert ours == pytest.approx(cycles, rel=0.12)
+    assert ours.mean() == pytest.approx(cycles.mean(), rel=error)
+    small.amberlight.effects, small.amberlight.use_interreflection = "MANUAL", False
+    alone = render_to("alone")["ViewLayer.Combined.R"]
+    assert alone.mean() < 0.7 * ours[..., 0].mean()
 
 
 @pytest.mark.parametrize("kind", ["AREA", "POINT", "SUN"])
