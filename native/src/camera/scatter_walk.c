@@ -55,11 +55,18 @@ static uint32_t order_limit(const CameraParams *params) {
     return last;
 }
 
-static bool wants_order(const CameraParams *params, uint32_t order) {
+/* Light of that order is to be seen. */
+static bool has_order(const CameraParams *params, uint32_t order) {
     static const uint32_t bits[CAMERA_ORDER_COUNT] = {
         AMB_EFFECT_SINGLE_SCATTERING, AMB_EFFECT_DOUBLE_SCATTERING, AMB_EFFECT_MULTIPLE_SCATTERING};
     const uint32_t index = order < CAMERA_ORDER_COUNT ? order : CAMERA_ORDER_COUNT;
-    return order >= 1 && order <= order_limit(params) && (params->effects & bits[index - 1]) != 0;
+    const bool is_past = params->order_max > 0 && order > params->order_max;
+    return order >= 1 && !is_past && (params->effects & bits[index - 1]) != 0;
+}
+
+/* Of walks' own orders: the first is of the surroundings alone. */
+static bool wants_order(const CameraParams *params, uint32_t order) {
+    return order <= order_limit(params) && has_order(params, order);
 }
 
 bool walk_is_wanted(const CameraParams *params) {
@@ -68,7 +75,7 @@ bool walk_is_wanted(const CameraParams *params) {
 }
 
 void walk_add(Walker *walker, uint32_t order, Rgb light) {
-    if (!wants_order(walker->params, order))
+    if (!has_order(walker->params, order))
         return;
     const uint32_t index = order < CAMERA_ORDER_COUNT ? order : CAMERA_ORDER_COUNT;
     Rgb *orders = walker->out->orders;
