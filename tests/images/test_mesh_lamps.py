@@ -207,3 +207,154 @@ def test_a_room_that_glows_lights_a_medium_evenly() -> None:
     }
     orders = read_passes(build, names, **settings)
     assert orders.sum(axis=0) == pytest.approx(np.full(3, 0.5), rel=0.01)
+
+
+def add_area(scene: Scene, height: float, half: float, down: float) -> None:
+    scene.add_light(
+        _ffi.AMB_LIGHT_AREA,
+        "lamp",
+        color=rgb(RADIANCE),
+        position=(0, 0, height),
+        direction=(0, 0, -down),
+        tangent=(1, 0, 0),
+        size=(2 * half, 2 * half),
+    )
+
+
+def scattered(build: Callable[[Scene], None], **params: Any) -> tuple[Any, dict[str, Any]]:
+    settings = {
+        "light_samples": 2**18,
+        "samples": 16,
+        "estimator": _ffi.AMB_ESTIMATOR_POINTS_COVARIANCE,
+    } | params
+    image = render(build, 16, **settings)
+    return image.pixels.astype(np.float64).mean(axis=(0, 1)), image.report
+
+
+def test_a_mesh_inside_of_a_medium() -> None:
+    """As two area lamps back to back, there."""
+
+    def mesh(scene: Scene) -> None:
+        ball_of_resin(scene)
+        add_opaque(scene, square(0.1, 0.3), "plane", emission=RADIANCE)
+
+    def lamps(scene: Scene) -> None:
+        ball_of_resin(scene)
+        for down in (1, -1):
+            add_area(scene, 0.3, 0.1, down)
+
+    (one, report), (other, reference) = scattered(mesh), scattered(lamps)
+    flux, expected = (np.array(r["light"]["flux_interacting"]) for r in (report, reference))
+    assert flux == pytest.approx(expected, rel=0.005)
+    # The mesh hides a little of what scatters behind it.
+    assert np.all(one < other) and one == pytest.approx(other, rel=0.04)
+
+
+def test_a_mesh_in_two_media() -> None:
+    """A strip that begins in the ball and ends outside, in one piece and in two."""
+
+    def strip(begin: float, end: float) -> Mesh:
+        points = [(begin, -0.1, 0), (end, -0.1, 0), (end, 0.1, 0), (begin, 0.1, 0)]
+        return Mesh(np.array(points), np.array([(0, 1, 2), (0, 2, 3)], dtype=np.uint32))
+
+    def build(parts: list[Mesh]) -> Callable[[Scene], None]:
+        def add(scene: Scene) -> None:
+            ball_of_resin(scene)
+            for part in parts:
+                add_opaque(scene, part, "strip", emission=RADIANCE)
+
+        return add
+
+    _, whole = scattered(build([strip(0.5, 1.6)]))
+    _, split = scattered(build([strip(0.5, 0.98), strip(1.02, 1.6)]))
+    flux, expected = (np.array(r["light"]["flux_interacting"]) for r in (whole, split))
+    # The gap has a part in 28 of the strip.
+    assert np.all(flux > expected) and flux == pytest.approx(expected, rel=0.05)
+
+
+def test_points_carry_its_light_beside_tubes() -> None:
+    """Both kinds of light together are as bright as each alone."""
+
+    def build(has_lamp: bool, has_mesh: bool) -> Callable[[Scene], None]:
+        def add(scene: Scene) -> None:
+            ball_of_resin(scene)
+            if has_lamp:
+                place = (0, 3, 0)
+                scene.add_light(_ffi.AMB_LIGHT_POINT, "lamp", color=rgb(1), position=place)
+            if has_mesh:
+                add_opaque(scene, square(0.1, 3.0), "plane", emission=RADIANCE)
+
+        return add
+
+    tubes = {"estimator": _ffi.AMB_ESTIMATOR_TUBES}
+    both, report = scattered(build(True, True), **tubes)
+    assert report["light"]["tubes"] > 0 and report["light"]["volume_samples"] > 0
+    lamp, _ = scattered(build(True, False), **tubes)
+    mesh, _ = scattered(build(False, True))
+    assert both == pytest.approx(lamp + mesh, rel=0.01)
+
+
+@pytest.mark.parametrize(("radiance", "estimator"), [(0.3, "TUBES"), (300, "POINTS_COVARIANCE")])
+def test_auto_goes_by_its_share_of_the_light(radiance: float, estimator: str) -> None:
+    def build(scene: Scene) -> None:
+        ball_of_resin(scene)
+        scene.add_light(_ffi.AMB_LIGHT_POINT, "lamp", color=rgb(1), position=(0, 3, 0))
+        add_opaque(scene, square(0.1, 3.0), "plane", emission=radiance)
+
+    _, report = scattered(build, estimator=_ffi.AMB_ESTIMATOR_AUTO)
+    assert report["light"]["mesh_lamps"] == ["plane"]
+    assert report["estimator"] == estimator
+
+
+def lamps_of(build: Callable[[Scene], None]) -> list[str]:
+    names = render(build, 4, "Surface", effects=0).report["light"]["mesh_lamps"]
+    return [str(name) for name in names]
+
+
+def test_dim_meshes_are_left_to_chance() -> None:
+    """However many triangles they have; so are those of no influence, and faces without area."""
+
+    def build(scene: Scene) -> None:
+        add_opaque(scene, square(8.0, 0.0, 200), "floor", albedo=0.5, emission=0.01)
+        scene.add_light(_ffi.AMB_LIGHT_POINT, "lamp", color=rgb(10), position=(0, 0, 2))
+        add_opaque(scene, icosphere(2), "ball", albedo=0.5)
+        points = np.array([(0, 0, 3), (1, 0, 3), (2, 0, 3)], dtype=np.float64)
+        faces = np.array([(0, 1, 2), (1, 1, 1)], dtype=np.uint32)
+        add_opaque(scene, Mesh(points, faces), "line", emission=1e6)
+        add_opaque(scene, square(1e-6, 4.0), "spark", emission=10)
+        look_down(scene, 5)
+
+    assert lamps_of(build) == []
+
+
+def test_many_meshes_are_lamps() -> None:
+    """More than have lights of their own: the light on the floor is that of all of them."""
+
+    def build(mesh: Mesh) -> Callable[[Scene], None]:
+        def add(scene: Scene) -> None:
+            add_floor(scene)
+            places = np.arange(-12, 13) / 12
+            for k, x in enumerate(places):
+                part = Mesh(mesh.positions + (x, 0, 0), mesh.triangles)
+                add_opaque(scene, part, f"bulb {k}", emission=20)
+            look_down(scene)
+
+        return add
+
+    image = render(build(square(0.02, 1.0)), 8, "Surface", effects=0, samples=256)
+    assert len(image.report["light"]["mesh_lamps"]) == 25
+    x = np.arange(-12, 13) / 12
+    expected = 0.5 / np.pi * 20 * 0.04**2 * np.sum(1 / (1 + x * x) ** 2)
+    assert image.pixels.mean() == pytest.approx(expected, rel=3e-3)
+
+
+@pytest.mark.parametrize("radiance", [1e-38, 1e-20, 1e20, 3e38])
+def test_radiance_of_any_size(radiance: float) -> None:
+    def build(scene: Scene) -> None:
+        add_floor(scene)
+        add_body(scene, icosphere(1), RESIN)
+        add_opaque(scene, square(0.5, 3.0), "plane", emission=radiance)
+        add_opaque(scene, square(0.5, 4.0), "other", emission=1)
+        look_down(scene, 2, 0.5)
+
+    render(build, 4, "Surface", effects=SCATTERING | SURFACES, light_samples=2**10)

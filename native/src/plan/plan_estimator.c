@@ -47,6 +47,27 @@ static uint32_t count_cells(const AmbScene *scene, const SceneLight *light) {
     return most * most;
 }
 
+/* Beside tubes points carry the light of meshes, fewer of them and with wider kernels than alone:
+ * AUTO leaves more than this share of the light to points altogether. */
+static const float MESH_SHARE_MAX = 0.1f;
+
+static bool is_lit_by_meshes(const AmbScene *scene) {
+    float all = 0.0f, meshes = 0.0f;
+    for (uint32_t l = 0; l < scene->light_count; ++l)
+        for (uint32_t o = 0; o < scene->object_count; ++o) {
+            const SceneLight *light = &scene->lights[l];
+            const LightEmission emission = {.light = light,
+                                            .target = scene->objects[o].center,
+                                            .target_radius = scene->objects[o].radius,
+                                            .count = 1};
+            const float power =
+                scene_object_scatters(scene, o) ? light_power_towards(&emission) : 0.0f;
+            all += power;
+            meshes += light->kind == LIGHT_MESH ? power : 0.0f;
+        }
+    return meshes > MESH_SHARE_MAX * all;
+}
+
 static Obstacle light_obstacle(const AmbScene *scene, uint32_t estimator, uint32_t bounces) {
     uint32_t cells = 0;
     for (uint32_t l = 0; l < scene->light_count; ++l) {
@@ -58,9 +79,9 @@ static Obstacle light_obstacle(const AmbScene *scene, uint32_t estimator, uint32
         if (estimator == AMB_ESTIMATOR_SPECULAR && (has_extent || light->kind == LIGHT_MESH))
             return (Obstacle){"a lamp has an extent", light->name};
         if (light->kind == LIGHT_MESH) {
-            if (estimator == AMB_ESTIMATOR_AUTO)
-                return (Obstacle){"a mesh emits light", light->name};
-            continue; /* beside tubes, points carry its light */
+            if (estimator == AMB_ESTIMATOR_AUTO && is_lit_by_meshes(scene))
+                return (Obstacle){"much of the light is that of a mesh", light->name};
+            continue;
         }
         if (estimator == AMB_ESTIMATOR_AUTO && has_extent) {
             cells += count_cells(scene, light);
