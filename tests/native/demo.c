@@ -60,6 +60,8 @@ static void add_ground(AmbScene *scene, const Demo *demo) {
     AmbMaterial ground;
     amb_material_init(&ground);
     ground.name = "ground";
+    for (int k = 0; k < 3; ++k)
+        ground.emission[k] = demo->glow;
     const AmbMesh mesh = shape_mesh(&plane, "ground", false);
     shape_add(scene, &mesh, add_material(scene, &ground), 6.0f * demo->scale, demo->at[0],
               demo->at[1], demo->at[2] - 1.1f * demo->scale);

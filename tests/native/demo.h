@@ -12,6 +12,7 @@ typedef struct Demo {
     Shape shape; /* owned */
     bool is_smooth;
     bool has_ground, has_light;
+    float glow; /* radiance of the ground */
     float scale, at[3];
     AmbMaterial material;
     AmbLight light;

@@ -580,14 +580,17 @@ static void picture_is_the_same_on_any_number_of_threads(void) {
     demo.params.effects &= ~(uint32_t)AMB_EFFECT_TRANSMITTED_LIGHT;
     static const struct {
         uint32_t estimator, bounces;
-    } cases[] = {{AMB_ESTIMATOR_POINTS_FIXED, 3},
-                 {AMB_ESTIMATOR_POINTS_COVARIANCE, 3},
-                 {AMB_ESTIMATOR_TUBES, 1},
-                 {AMB_ESTIMATOR_TUBES, 4}, /* the last two by points */
-                 {AMB_ESTIMATOR_SPECULAR, 0}};
+        float glow;
+    } cases[] = {{AMB_ESTIMATOR_POINTS_FIXED, 3, 0.0f},
+                 {AMB_ESTIMATOR_POINTS_FIXED, 1, 10.0f},
+                 {AMB_ESTIMATOR_POINTS_COVARIANCE, 3, 0.0f},
+                 {AMB_ESTIMATOR_TUBES, 1, 0.0f},
+                 {AMB_ESTIMATOR_TUBES, 4, 0.0f}, /* the last two by points */
+                 {AMB_ESTIMATOR_SPECULAR, 0, 0.0f}};
     for (size_t c = 0; c < sizeof cases / sizeof cases[0]; ++c) {
         demo.params.light_bounces = cases[c].bounces;
         demo.params.estimator = cases[c].estimator;
+        demo.glow = cases[c].glow;
         demo.params.threads = 1;
         Picture one = demo_render(&demo);
         picture_check(&one, "one thread");

@@ -46,6 +46,8 @@ static AmbStatus whole_cycle(const Demo *demo, const char *path, float out_pixel
     ground.slots = slots;
     AmbMaterial diffuse;
     amb_material_init(&diffuse);
+    for (int k = 0; k < 3; ++k)
+        diffuse.emission[k] = demo->glow;
     static const float corners[12] = {0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 1, 1};
     ground.uvs = corners;
     static const float color[6] = {0.8f, 0.8f, 0.8f, 0.7f, 0.8f, 0.9f};
@@ -96,6 +98,7 @@ typedef struct MemoryCase {
                                  * every allocation */
     uint32_t scatter_estimator; /* AUTO: light scatters once */
     bool has_caustics;
+    float glow;
 } MemoryCase;
 
 enum { FEW_SAMPLES = 30, TWO_CHUNKS = 10000 };
@@ -117,6 +120,7 @@ static const MemoryCase MEMORY_CASES[] = {
     {"photons", .estimator = AMB_ESTIMATOR_TUBES, .scatter_estimator = AMB_SCATTER_PHOTONS},
     {"photons to a target", .estimator = AMB_ESTIMATOR_TUBES, .accuracy = 1.0f, .step = 7,
      .scatter_estimator = AMB_SCATTER_PHOTONS},
+    {"a mesh that emits light", .estimator = AMB_ESTIMATOR_TUBES, .step = 3, .glow = 10.0f},
     {"a tree cut", .estimator = AMB_ESTIMATOR_TUBES, .step = 11,
      .scatter_estimator = AMB_SCATTER_TREE_CUT},
 };
@@ -163,6 +167,7 @@ static void check_memory_case(const MemoryCase *memory, const char *folder) {
     demo.params.estimator = memory->estimator;
     demo.params.light_bounces = memory->light_bounces;
     demo.params.accuracy = memory->accuracy;
+    demo.glow = memory->glow;
     if (memory->scatter_estimator != AMB_SCATTER_AUTO) {
         demo.params.scatter_estimator = memory->scatter_estimator;
         demo.params.effects |= AMB_EFFECT_DOUBLE_SCATTERING | AMB_EFFECT_MULTIPLE_SCATTERING;
