@@ -193,6 +193,26 @@ def test_auto_takes_photons_for_the_picture() -> None:
     assert photons(64, 16, scatter_estimator=PHOTONS) == 1000
 
 
+def test_clean_pictures_get_photons_to_match() -> None:
+    """With effects AUTO a few photons tell what blotches all of them would leave: more where
+    samples leave little noise beside these, three times as many at most."""
+
+    def build(scene: handles.Scene) -> None:
+        add_body(scene, BALL, Medium(1.5, 2.0, 2.0))
+        add_point(scene, (4, 2, 3), 100.0)
+        set_perspective(scene, (0, 0, 5), (0, 0, -1), (0, 1, 0), np.radians(30))
+
+    def photons(**params: Any) -> int:  # noqa: ANN401
+        report = shoot(build, 16, samples=64, light_samples=2**14, **params)[1]
+        assert report["scatter"]["estimator"] == "PHOTONS"
+        return report["scatter"]["photons"]
+
+    planned = photons()
+    assert planned == 8192
+    assert planned < photons(effects_are_auto=1) <= 3 * planned
+    assert photons(effects_are_auto=1, coarse_first=1) == planned
+
+
 def test_straight_light_of_dense_media_is_finite() -> None:
     """What scatters straight on is e^tau times what does not scatter: at these depths e^tau is
     beyond all numbers, and what does not scatter is none."""

@@ -154,11 +154,14 @@ static double sum_omitted(const Search *search) {
 }
 
 /* Of a sample of the choice, in gathers. */
-static double sample_cost(const Search *search) {
+static double sample_cost(const Search *search, bool walks) {
     EffectChoice choice = {.camera_step = 0};
     for (uint32_t c = 0; c < CANDIDATE_COUNT; ++c) {
         const uint32_t step = search->is_open[c] ? search->choice.steps[c] : 0;
-        choice.is_on[CANDIDATES[c].effect] = step > 0;
+        const uint32_t effect = CANDIDATES[c].effect;
+        const bool is_later =
+            effect == PLAN_DOUBLE_SCATTERING || effect == PLAN_MULTIPLE_SCATTERING;
+        choice.is_on[effect] = step > 0 && (walks || !is_later);
         if (CANDIDATES[c].effect == PLAN_CAMERA_BOUNCES)
             choice.camera_step = step;
         if (CANDIDATES[c].effect == PLAN_LIGHT_BOUNCES)
@@ -170,7 +173,7 @@ static double sample_cost(const Search *search) {
 /* What a render of the choice takes, but for a factor: what is left out takes room from noise. */
 static double predict_cost(const Search *search, double omitted) {
     const double room = search->aim * search->aim - omitted * omitted;
-    return sample_cost(search) * pow(room, -SAMPLES_ORDER);
+    return sample_cost(search, true) * pow(room, -SAMPLES_ORDER);
 }
 
 /* Whether a candidate may be left at a step: what it leaves does not show, or what leaving it shows
@@ -301,7 +304,8 @@ static void forecast_walks(const EffectShares *shares, const Search *search, Pla
     }
     plan->walks.is_known = true;
     plan->walks.noise = sqrt(square);
-    plan->walks.cost = sample_cost(search);
+    plan->walks.cost = sample_cost(search, true);
+    plan->walks.without = sample_cost(search, false);
 }
 
 void decide(const AmbScene *scene, const EffectShares *shares, double accuracy, double part,

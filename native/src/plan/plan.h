@@ -51,9 +51,10 @@ typedef struct PlanObject {
  * what tells whether photons are the cheaper ones. */
 typedef struct PlanWalks {
     bool is_known;
-    double noise;  /* one sample's, of the effects to be simulated, relative to the mean radiance */
-    double cost;   /* in gathers (effect_cost.h) */
-    double pixels; /* that show an object */
+    double noise; /* one sample's, of the effects to be simulated, relative to the mean radiance */
+    double cost;  /* in gathers (effect_cost.h) */
+    double without; /* the same where photons bring later orders */
+    double pixels;  /* that show an object */
 } PlanWalks;
 
 typedef struct Plan {

@@ -169,7 +169,7 @@ static AmbStatus climb_until_fine(AmbRender *render, const Field *field, Ladder 
 
 AmbStatus accuracy_refine_caustics(AmbRender *render, const Field *field, CausticMap **map) {
     Probe *probe = &render->accuracy.caustic_probe;
-    AMB_TRY(probe_create(render->film.width, render->film.height, 0.0, probe));
+    AMB_TRY(probe_create(render->film.width, render->film.height, PROBE_PIXELS, 0.0, probe));
     probe->wanted = PROBE_OBJECT | PROBE_CAUSTICS;
     Ladder ladder = {.maps = {*map}};
     const AmbStatus status = climb_until_fine(render, field, &ladder);

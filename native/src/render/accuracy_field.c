@@ -142,8 +142,8 @@ static AmbStatus choose_part(const Climb *climb, Field **field) {
     FieldMeasure *part = &render->accuracy.parts[climb->part];
     field_destroy(*field);
     *field = NULL;
-    AMB_TRY(probe_create(render->film.width, render->film.height, ACCURACY_SMALL * climb->limit,
-                         &part->probe));
+    AMB_TRY(probe_create(render->film.width, render->film.height, PROBE_PIXELS,
+                         ACCURACY_SMALL * climb->limit, &part->probe));
     Ladder ladder = {.fields = {NULL, NULL}};
     const AmbStatus status = climb_until_fine(climb, &ladder);
     if (status != AMB_OK) {

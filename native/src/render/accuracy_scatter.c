@@ -29,14 +29,14 @@ static AmbStatus look(AmbRender *render, const Field *field, const Scatter *coar
                         (const Scatter *const[2]){coarse, scatter}, false);
 }
 
-/* step: times the photons of the level before the newest. */
-static void take_error(Accuracy *accuracy, double step) {
-    const Probe *probe = &accuracy->scatter_probe;
+/* Of the newest level, step times the photons of the level before; relative to the mean radiance.
+ */
+static double find_error(const Probe *probe, double step) {
     const uint32_t top = probe->level_count - 1;
     const double ratio = pow(step, ERROR_ORDER);
     const double both = 1.0 + ratio * ratio - 2.0 * CORRELATION * ratio;
     const double square = probe->differences.squares[top - 1][top] / both;
-    accuracy->scatter = probe->radiance > 0.0 ? sqrt(square) / probe->radiance : 0.0;
+    return probe->radiance > 0.0 ? sqrt(square) / probe->radiance : 0.0;
 }
 
 static AmbStatus measure_first(AmbRender *render, const Field *field, const Scatter *fine) {
@@ -57,7 +57,7 @@ static AmbStatus measure_first(AmbRender *render, const Field *field, const Scat
         status = look(render, field, coarse, fine);
     scatter_destroy(coarse);
     if (status == AMB_OK)
-        take_error(&render->accuracy, step);
+        render->accuracy.scatter = find_error(&render->accuracy.scatter_probe, step);
     return status;
 }
 
@@ -100,7 +100,8 @@ static AmbStatus climb(AmbRender *render, const Field *field, uint64_t count, Sc
     scatter_destroy(*scatter);
     *scatter = finer;
     AMB_TRY(look(render, field, NULL, finer));
-    take_error(&render->accuracy, (double)count / (double)kept.photon_count);
+    const double step = (double)count / (double)kept.photon_count;
+    render->accuracy.scatter = find_error(&render->accuracy.scatter_probe, step);
     return AMB_OK;
 }
 
@@ -109,7 +110,7 @@ AmbStatus accuracy_refine_scatter(AmbRender *render, const Field *field, Scatter
     const ScatterParams *params = &render->plan.scatter;
     if (*scatter == NULL || params->uses_tree_cut) /* of a tree cut nothing is known */
         return AMB_OK;
-    AMB_TRY(probe_create(render->film.width, render->film.height,
+    AMB_TRY(probe_create(render->film.width, render->film.height, PROBE_PIXELS,
                          ACCURACY_SMALL * scatter_limit(accuracy), &accuracy->scatter_probe));
     const AmbStatus status = measure_first(render, field, *scatter);
     if (render_forgive_memory(render, status)) {
@@ -136,4 +137,76 @@ AmbStatus accuracy_refine_scatter(AmbRender *render, const Field *field, Scatter
         }
     }
     return AMB_OK;
+}
+
+/* ---- Of a fixed number of samples --------------------------------------------------------------
+ */
+
+/* Two sets of this part of the photons planned, and of FIRST_STEP times these, are looked at in few
+ * pixels: a tenth of the time of what was planned. */
+static const double TRIAL_PART = 1.0 / 64.0;
+enum { TRIAL_PIXELS = 256 };
+/* Blotches are worse to see than noise: their error shall be this part of the samples' noise, */
+static const double BLOTCH_PART = 0.5;
+/* for three times the photons planned at most, those beyond for half of the camera's time at most:
+ * by what planned samples gather, and a photon takes what four gathers do. */
+static const double FIT_MAX = 3.0, FIT_SHARE = 0.5, PHOTON_GATHERS = 4.0;
+
+static AmbStatus look_at_trial(AmbRender *render, uint64_t count, uint32_t trial, Probe *probe) {
+    ScatterParams *params = &render->plan.scatter;
+    const ScatterParams kept = *params;
+    params->photon_count = count;
+    params->landing_part = 0.0f;
+    params->seed += (trial + 1) * SEED_STEP;
+    Scatter *scatter = NULL;
+    AmbStatus status = render_build_scatter(render, &scatter);
+    *params = kept;
+    /* There is no field yet. What scatters once is missing in what errors are told by. */
+    CameraParams camera = render->plan.camera;
+    camera.effects &= ~(uint32_t)AMB_EFFECT_SINGLE_SCATTERING;
+    camera.replicas = 2;
+    camera.part_count = 1;
+    camera.ledger = NULL;
+    const ProbeSight sight = {render->scene, NULL, &camera, render->crop_x, render->crop_y};
+    if (status == AMB_OK)
+        status = render_probe_trial(render, probe, &sight);
+    render->plan.camera.scatter = NULL;
+    scatter_destroy(scatter);
+    return status;
+}
+
+static AmbStatus fit_photons(AmbRender *render, Probe *probe) {
+    ScatterParams *params = &render->plan.scatter;
+    const double planned = (double)params->photon_count;
+    const uint64_t first = (uint64_t)fmax(TRIAL_PART * planned, 1.0);
+    const uint64_t second = (uint64_t)(FIRST_STEP * (double)first);
+    AMB_TRY(look_at_trial(render, first, 0, probe));
+    AMB_TRY(look_at_trial(render, second, 1, probe));
+    const double noise = probe_noise(probe, render->params.samples);
+    const double error = find_error(probe, FIRST_STEP) * probe->radiance;
+    if (!(noise > 0.0))
+        return AMB_OK;
+    const double wanted = (double)second * pow(error / (BLOTCH_PART * noise), 1.0 / ERROR_ORDER);
+    const PlanWalks *walks = &render->plan.walks;
+    const double gathers = walks->pixels * render->params.samples * walks->without;
+    const double affordable = planned + FIT_SHARE * gathers / PHOTON_GATHERS;
+    const double most =
+        fmin(fmin(FIT_MAX * planned, affordable), (double)plan_photons_most(&render->params));
+    params->photon_count = (uint64_t)fmax(fmin(wanted, most), planned);
+    params->landing_part *= (float)(planned / (double)params->photon_count);
+    return AMB_OK;
+}
+
+AmbStatus accuracy_fit_scatter(AmbRender *render) {
+    if (!render->plan.is_automatic || render->plan.scatter_estimator != AMB_SCATTER_PHOTONS ||
+        render->params.scatter_estimator != AMB_SCATTER_AUTO || render->accuracy.target > 0.0f ||
+        render->params.coarse_first) /* who looks on wants a first picture soon */
+        return AMB_OK;
+    Probe probe;
+    AmbStatus status =
+        probe_create(render->film.width, render->film.height, TRIAL_PIXELS, 0.0, &probe);
+    if (status == AMB_OK)
+        status = fit_photons(render, &probe);
+    probe_clear(&probe);
+    return render_forgive_memory(render, status) ? AMB_OK : status;
 }

@@ -15,4 +15,8 @@ struct AmbRender;
  * the law says until it leaves room for noise, within bounds of memory. Nothing without photons. */
 AmbStatus accuracy_refine_scatter(struct AmbRender *render, const Field *field, Scatter **scatter);
 
+/* Before photons of a fixed number of samples are traced: more of them where a few tell that they
+ * would leave blotches beside the samples' noise. AUTO alone. */
+AmbStatus accuracy_fit_scatter(struct AmbRender *render);
+
 #endif

@@ -8,7 +8,6 @@
 #include "base/rng.h"
 
 enum {
-    PROBE_PIXELS = 1 << 12, /* at least, where the image has so many */
     PROBE_BLOCK_MAX = 8,
     PROBE_SAMPLES_FIRST = 4,  /* of a pixel; where they do not tell enough */
     PROBE_SAMPLES = 8,        /* so many, and more where there are few pixels, */
@@ -29,8 +28,9 @@ typedef struct ProbePass {
     uint32_t level;
 } ProbePass;
 
-AmbStatus probe_create(uint32_t width, uint32_t height, double small, Probe *out_probe) {
-    const double edge = sqrt((double)width * height / PROBE_PIXELS);
+AmbStatus probe_create(uint32_t width, uint32_t height, uint32_t pixels, double small,
+                       Probe *out_probe) {
+    const double edge = sqrt((double)width * height / pixels);
     const uint32_t block = edge < 1.0               ? 1
                            : edge > PROBE_BLOCK_MAX ? PROBE_BLOCK_MAX
                                                     : (uint32_t)edge;

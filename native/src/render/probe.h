@@ -46,8 +46,12 @@ typedef struct Probe {
     double radiance;              /* mean over the same, of the newest level */
 } Probe;
 
+/* Pixels of a probe at least, where the image has so many. */
+enum { PROBE_PIXELS = 1 << 12 };
+
 /* Compares the pixels that show an object. */
-AmbStatus probe_create(uint32_t width, uint32_t height, double small, Probe *out_probe);
+AmbStatus probe_create(uint32_t width, uint32_t height, uint32_t pixels, double small,
+                       Probe *out_probe);
 void probe_clear(Probe *probe);
 
 /* Adds a level. */

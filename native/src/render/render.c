@@ -378,6 +378,7 @@ static AmbStatus run_scatter(AmbRender *render, Scatter **out_scatter) {
     *out_scatter = NULL;
     if (render->plan.scatter_estimator == AMB_SCATTER_WALK)
         return AMB_OK;
+    AMB_TRY(accuracy_fit_scatter(render));
     AmbStatus status;
     do
         status = render_build_scatter(render, out_scatter);
@@ -402,6 +403,13 @@ AmbStatus render_probe(AmbRender *render, Probe *probe, const Field *const field
     const double cpu = charge_stage(render, STAGE_FIELD, begin);
     render->light_costs[probe == &render->accuracy.scatter_probe ? LIGHT_COST_SCATTER
                                                                  : LIGHT_COST_FIELD] += cpu;
+    return status;
+}
+
+AmbStatus render_probe_trial(AmbRender *render, Probe *probe, const ProbeSight *sight) {
+    const StageClock begin = clock_stage(render);
+    const AmbStatus status = probe_run(probe, sight, &render->job);
+    render->light_costs[LIGHT_COST_SCATTER] += charge_stage(render, STAGE_FIELD, begin);
     return status;
 }
 

@@ -98,6 +98,8 @@ bool render_forgive_memory(AmbRender *render, AmbStatus status);
  * probe_refine. */
 AmbStatus render_probe(AmbRender *render, Probe *probe, const Field *const fields[2],
                        const Scatter *const scatters[2], bool has_folds);
+/* One more level of a probe of photons before there is a field. */
+AmbStatus render_probe_trial(AmbRender *render, Probe *probe, const ProbeSight *sight);
 /* One more level of the probe of caustics; sights: by level. */
 AmbStatus render_probe_caustics(AmbRender *render, const ProbeSight sights[]);
 /* A map of caustics as the plan has it now; not yet seen by the camera. */
