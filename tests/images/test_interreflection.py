@@ -94,16 +94,30 @@ def test_a_white_medium_vanishes_in_a_glowing_room(
     assert relative.mean(axis=(0, 1)) == pytest.approx(np.ones(3), abs=error)
 
 
+def furnished(scene: Scene) -> None:
+    """A lamp, a body that absorbs some of its light, walls of three albedos."""
+    add_walls(scene, box((-2, -2, -2), (2, 2, 2)), ALBEDO)
+    add_body(scene, icosphere(2), Medium(1.3, 1.0, 0.1))
+    add_point(scene, (1.2, 1.5, 1.4), 3.0)
+    set_perspective(scene, (0.3, 0.2, 1.9), (-0.1, -0.1, -1), (0, 1, 0), 1.2)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_the_number_of_threads_changes_no_bit(estimator: str) -> None:
+    settings = {
+        "effects": ALL | SCATTERING,
+        "samples": 8,
+        "light_samples": 2**13,
+        "scatter_estimator": ESTIMATORS[estimator],
+    }
+    images = [seen(furnished, threads=threads, **settings) for threads in (1, 2, 5)]
+    assert (images[0] == images[1]).all()
+    assert (images[0] == images[2]).all()
+
+
 def test_photons_and_walks_see_the_same_room() -> None:
-    """A lamp, a body that absorbs some of its light, walls of three albedos: what light does is
-    found from the lamp's side and from the camera's, by code that has nothing in common."""
-
-    def build(scene: Scene) -> None:
-        add_walls(scene, box((-2, -2, -2), (2, 2, 2)), ALBEDO)
-        add_body(scene, icosphere(2), Medium(1.3, 1.0, 0.1))
-        add_point(scene, (1.2, 1.5, 1.4), 3.0)
-        set_perspective(scene, (0.3, 0.2, 1.9), (-0.1, -0.1, -1), (0, 1, 0), 1.2)
-
+    """What light does is found from the lamp's side and from the camera's, by code that has nothing
+    in common."""
     settings = {
         "effects": ALL | SCATTERING | _ffi.AMB_EFFECT_TRANSMITTED_LIGHT,
         "camera_bounces": 16,
@@ -112,7 +126,7 @@ def test_photons_and_walks_see_the_same_room() -> None:
         "samples": 128,
     }
     images = {
-        name: seen(build, scatter_estimator=estimator, **settings)
+        name: seen(furnished, scatter_estimator=estimator, **settings)
         for name, estimator in ESTIMATORS.items()
     }
     walks, photons = (images[name][2:6, 2:6].mean(axis=(0, 1)) for name in ("walks", "photons"))
