@@ -195,6 +195,24 @@ static void holes_are_named(void) {
     }
 }
 
+/* Photons cannot tell the sharpest lobes: the report says so, and AUTO does not take them there. */
+static void lobes_too_sharp_for_photons_are_named(void) {
+    static const float gs[] = {0.99f, -0.89f, 0.9f};
+    for (int i = 0; i < 3; ++i)
+        for (uint32_t choice = AMB_SCATTER_AUTO; choice <= AMB_SCATTER_PHOTONS; ++choice) {
+            Demo demo = small_demo();
+            demo.material = shape_resin(1.5f, 8.0f, 0.1f, gs[i]);
+            demo.params.effects |= AMB_EFFECT_MULTIPLE_SCATTERING;
+            demo.params.light_samples = 100;
+            demo.params.scatter_estimator = choice;
+            Picture picture = checked(&demo, "a sharp lobe");
+            const bool is_said = strstr(picture.report, "hero: it scatters too sharply") != NULL;
+            ENSURE(is_said == (i < 2 && choice == AMB_SCATTER_PHOTONS));
+            picture_free(&picture);
+            demo_free(&demo);
+        }
+}
+
 /* Cubes of scales and their reciprocals are no floats; where the vertices come to lie counts. */
 static void scales_whose_cubes_overflow(void) {
     static const float scales[] = {1.0f, 1e20f, 1e-20f, 1e13f};
@@ -683,6 +701,7 @@ void test_bad_input(void) {
     RUN(duplicate_triangles);
     RUN(open_and_non_manifold_meshes);
     RUN(holes_are_named);
+    RUN(lobes_too_sharp_for_photons_are_named);
     RUN(scales_whose_cubes_overflow);
     RUN(later_orders_in_an_open_mesh);
     RUN(free_paths_below_resolution);

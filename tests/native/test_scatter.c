@@ -87,6 +87,22 @@ static void lobes_are_positive(void) {
     }
 }
 
+/* The bound of sharpness moves no mean cosine where lobes are said to keep theirs, nor any flux. */
+static void bound_of_lobes_is_said(void) {
+    double worst = 0.0;
+    for (int i = -99; i <= 99; ++i) {
+        const float g = 0.01f * (float)i;
+        const uint32_t degree = lobe_degree(g);
+        float c[HARMONIC_DEGREE_MAX + 1] = {0};
+        const double forward = (double)lobe_coefficients(g, degree, c);
+        ENSURE_NEAR((double)c[0] + forward, 1.0, 1e-6);
+        ENSURE(lobe_keeps_mean(g) == (i >= -88 && i <= 94));
+        if (degree > 0 && lobe_keeps_mean(g))
+            worst = test_worse(worst, fabs((double)c[1] + forward - (double)g));
+    }
+    ENSURE_NEAR(worst, 0.0, 1e-5);
+}
+
 /* ---- Scenes ---------------------------------------------------------------------------------- */
 
 /* A scene of one body, which the shape is consumed for. */
@@ -466,6 +482,7 @@ void test_scatter(void);
 void test_scatter(void) {
     RUN(addition_theorem);
     RUN(lobes_are_positive);
+    RUN(bound_of_lobes_is_said);
     RUN(rays_are_shared_among_dark_lamps);
     RUN(depths_of_a_sphere);
     RUN(volumes_of_a_sphere);

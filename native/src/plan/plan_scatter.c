@@ -2,6 +2,8 @@
  * Who simulates light of later orders. */
 #include "plan/plan_scatter.h"
 
+#include "field/scatter/lobe.h"
+
 const char *plan_scatter_estimator_name(uint32_t estimator) {
     static const char *const names[] = {"AUTO", "WALK", "PHOTONS", "TREE_CUT"};
     return estimator < sizeof names / sizeof names[0] ? names[estimator] : "UNKNOWN";
@@ -90,7 +92,8 @@ static ScatterMedia look_at_media(const AmbScene *scene, const AmbRenderParams *
         media.is_thick = media.is_thick || optical_radius >= OPTICAL_RADIUS_MIN;
         media.is_thin = media.is_thin && optical_radius < THIN_RADIUS_MIN;
         for (uint32_t l = 0; l < medium->lobe_count; ++l)
-            media.is_sharp = media.is_sharp || fabsf(medium->lobes[l].g) > sharpest;
+            media.is_sharp = media.is_sharp || fabsf(medium->lobes[l].g) > sharpest ||
+                             !lobe_keeps_mean(medium->lobes[l].g);
     }
     return media;
 }

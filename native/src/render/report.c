@@ -6,6 +6,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 
+#include "field/scatter/lobe.h"
 #include "film/film_error.h"
 
 typedef struct Text {
@@ -377,6 +378,18 @@ static void warn_of_holes(Warnings *warnings, const AmbRender *render, const Sce
         warn(warnings, render->scene->objects[leaks->object].name, what, leaks->count);
 }
 
+/* Photons whose cells are too coarse for a medium's lobes. */
+static bool is_too_sharp(const AmbRender *render, const SceneObject *object) {
+    const AmbScene *scene = render->scene;
+    if (render->plan.scatter_estimator != AMB_SCATTER_PHOTONS || !object->is_boundary)
+        return false;
+    const Medium *medium = &scene->materials[object->inside].medium;
+    for (uint32_t l = 0; l < medium->lobe_count; ++l)
+        if (!lobe_keeps_mean(medium->lobes[l].g))
+            return true;
+    return false;
+}
+
 static void add_warnings(Text *text, const AmbRender *render, uint64_t nonfinite) {
     Warnings warnings = {text, false};
     add(text, "  \"warnings\": [");
@@ -387,6 +400,9 @@ static void add_warnings(Text *text, const AmbRender *render, uint64_t nonfinite
         warn(&warnings, object->name,
              "its faces have different media; the one of most faces fills all of it",
              object->has_two_media);
+        warn(&warnings, object->name,
+             "it scatters too sharply for photons: orders from the second on are some percent off",
+             is_too_sharp(render, object));
     }
     warn_of_holes(&warnings, render, &render->account.leaks,
                   "light rays left it through a hole in its mesh: close it for a right picture");

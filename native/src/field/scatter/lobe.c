@@ -144,3 +144,12 @@ float lobe_coefficients(float g, uint32_t degree, float *out) {
         out[l] = (float)((1.0 - forward) * (g < 0.0f && l % 2 == 1 ? -c[l] : c[l]));
     return (float)forward;
 }
+
+bool lobe_keeps_mean(float g) {
+    const uint32_t degree = lobe_degree(g);
+    if (degree == 0)
+        return true; /* REST at most */
+    float c[HARMONIC_DEGREE_MAX + 1];
+    const float forward = lobe_coefficients(g, degree, c);
+    return fabsf(c[1] + forward - g) < 1e-5f;
+}

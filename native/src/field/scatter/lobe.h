@@ -15,10 +15,12 @@
  * the polynomial that has the largest mean cosine of all that are nowhere negative: the square of
  * P_(n+1)(x) / (x
  * - z), z the largest zero of P_(n+1), n half the degree, and J_1 = z. Flux and mean cosine stay
- * exact. Lobes that scatter backwards have the kernel alone and no f. */
+ * exact as far as lobe_keeps_mean says. Lobes that scatter backwards have the kernel alone and no
+ * f. */
 #ifndef AMB_FIELD_SCATTER_LOBE_H
 #define AMB_FIELD_SCATTER_LOBE_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 /* Even, at most HARMONIC_DEGREE_MAX. */
@@ -26,5 +28,9 @@ uint32_t lobe_degree(float g);
 
 /* c_0 .. c_degree of a lobe of mean cosine g; returns f. */
 float lobe_coefficients(float g, uint32_t degree, float *out);
+
+/* Whether they have the lobe's mean cosine: from -0.88 to 0.94, not beyond, where the sharpest
+ * positive sum of these degrees is less sharp than the lobe. */
+bool lobe_keeps_mean(float g);
 
 #endif
