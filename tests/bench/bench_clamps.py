@@ -118,6 +118,20 @@ CLAMPS = (
     Clamp("cosine of the lens", "scene/camera.c",
           "COS_AXIS_MIN = 1e-12", "COS_AXIS_MIN = 1e-9", ("lens",),
           "clipping planes of rays along the lens"),
+    Clamp("least width of glow", "field/caustics/glow.c",
+          "WIDTH_MIN = 0.1f", "WIDTH_MIN = 0.05f", ("glow",),
+          "light that turned near by, in units of what the density says"),
+    Clamp("least width of glow at edges", "field/caustics/glow.c",
+          "EDGE_WIDTH_MIN = 0.2f", "EDGE_WIDTH_MIN = 0.1f", ("glow",), "in the same units"),
+    Clamp("points of glow", "field/caustics/glow.c",
+          "POINT = 1e-6f", "POINT = 1e-7f", ("glow",), "narrower kernels are none"),
+    Clamp("faces where glow goes on", "field/caustics/glow.c",
+          "PROBE_COS_MIN = 0.5f", "PROBE_COS_MIN = 0.25f", ("glow",), "cosine between normals"),
+    Clamp("faces whose photons are neighbours", "field/caustics/neighbours.c",
+          "NORMAL_COS_MIN = 0.5f", "NORMAL_COS_MIN = 0.25f", ("glow",), "cosine between normals"),
+    Clamp("grazing glow", "field/scatter/photon_walk.c",
+          "GRAZING_COS = 1e-4f", "GRAZING_COS = 1e-5f", ("glow",),
+          "photons that land at less are left out"),
     Clamp("walks far from their object", "camera/scatter_walk.c",
           "LOST_RADII = 1.01f", "LOST_RADII = 16.0f", ("walk",), "holes of meshes"),
 )  # fmt: skip
@@ -130,6 +144,7 @@ def measure(scene: str) -> np.ndarray:
     sys.path.insert(0, str(Path(__file__).resolve().parent))
     sys.path.insert(0, str(ROOT / "tests/images"))
     import bench_caustics
+    import bench_glow
     from api import (
         BuildScene,
         Medium,
@@ -153,6 +168,13 @@ def measure(scene: str) -> np.ndarray:
         return render(
             lambda handle: bench_caustics.build(handle, "bumpy"), 32, "Surface",
             effects=_ffi.AMB_EFFECT_CAUSTICS, light_samples=times * 2**17, **settings,
+        ).pixels  # fmt: skip
+
+    if scene == "glow":
+        return render(
+            lambda handle: bench_glow.build(handle, "middle"), 32, effects=bench_glow.EFFECTS,
+            light_bounces=4, light_samples=2**15, scatter_estimator=1,
+            **(settings | {"samples": 64}),
         ).pixels  # fmt: skip
 
     case = bumpy_scene(bumpy_sphere(4))

@@ -166,6 +166,51 @@ static void flux_is_kept(void) {
     }
 }
 
+/* The bounds of kernels' axes and of their ratio move no flux: footprints of any shape, those of
+ * folds that are a line or a point too, add up to what landed. */
+static void bounds_of_kernels_keep_the_flux(void) {
+    enum { COUNT = 300, EDGE = 200 };
+    uint64_t state = 3;
+    double worst = 0.0, longest = 0.0;
+    int point_count = 0;
+    for (int i = 0; i < COUNT; ++i) {
+        const float turn = uniform(&state, 0.0, 2.0 * PI);
+        const float a = powf(10.0f, uniform(&state, -4.0, 3.0));
+        const float b = i % 5 == 0 ? 0.0f : a * powf(10.0f, uniform(&state, -5.0, 0.0));
+        LightLanding landing = {.n = {0, 0, 1}, .flux = {2, 2, 2}};
+        landing.footprint[0] = vec3(a * cosf(turn), a * sinf(turn), 0);
+        landing.footprint[1] = vec3(-b * sinf(turn), b * cosf(turn), 0);
+        if (i % 3 == 0)
+            landing.footprint[TANGENT_LATTICE] = vec3(0.1f, 0, 0);
+        CausticPhoton *list = memory_alloc_array(1, sizeof *list);
+        const CausticPhoton photon = list[0] = caustics_kernel(&landing, 8.0f, 1.0f);
+        const double u = 1.0 / (double)vec3_length(photon.u),
+                     v = 1.0 / (double)vec3_length(photon.v);
+        longest = fmax(longest, u / v);
+        point_count += v < 0.006 ? 1 : 0;
+        const Vec3 along = vec3_scale(photon.u, (float)(u * u)),
+                   across = vec3_scale(photon.v, (float)(v * v));
+        Job job;
+        job_init(&job, 1);
+        CausticTree tree;
+        ENSURE_STATUS(caustic_tree_build(list, 1, &job, &tree), AMB_OK);
+        double sum = 0.0;
+        for (int k = 0; k < EDGE; ++k)
+            for (int j = 0; j < EDGE; ++j) {
+                const float s = 2.2f * ((float)j + 0.5f) / EDGE - 1.1f;
+                const float t = 2.2f * ((float)k + 0.5f) / EDGE - 1.1f;
+                const Vec3 p = vec3_madd(vec3_scale(along, s), t, across);
+                sum += (double)caustic_tree_irradiance(&tree, p, vec3(0, 0, 1)).g;
+            }
+        sum *= 2.2 * 2.2 * u * v / (double)(EDGE * EDGE);
+        worst = test_worse(worst, fabs(sum / 2.0 - 1.0));
+        caustic_tree_clear(&tree);
+    }
+    /* Bounds act, and what they leave is the flux. */
+    ENSURE(longest > 100.0 && longest < 129.0 && point_count > 10);
+    ENSURE_NEAR(worst, 0.0, 1e-4);
+}
+
 /* What one part says is noise about the whole: over the parts the mean is what it was undivided. */
 static void parts_add_up(void) {
     AmbScene *scene = ball_on_floor(0.05f);
@@ -490,6 +535,7 @@ void test_caustics(void);
 void test_caustics(void) {
     RUN(tree_is_a_sum);
     RUN(flux_is_kept);
+    RUN(bounds_of_kernels_keep_the_flux);
     RUN(parts_add_up);
     RUN(threads_do_not_matter);
     RUN(neighbours_are_the_nearest);

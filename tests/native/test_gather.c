@@ -521,6 +521,27 @@ static void points_tile_a_beam(void) {
     }
 }
 
+/* Bounds of cells' areas (GROWTH_MAX beside lamps, AREA_MAX) say how wide kernels are, and move no
+ * flux: what all rays across a beam see is that of the point itself, whatever the area. */
+static void bounds_of_kernels_keep_the_flux(void) {
+    enum { RAYS = 4000 };
+    const float areas[] = {1e-8f, 1e-4f, 1e-2f, 0.16f, 0.64f};
+    for (size_t i = 0; i < sizeof areas / sizeof areas[0]; ++i) {
+        LightBeam beam = straight_beam(7.0f, areas[i]);
+        PointCloud cloud = place(&beam, 1, &THIN, (PointParams){true, 16.0f, 0.7f, 0, 0});
+        const double reach = 1.1 * sqrt(0.6 * 16.0 * (double)areas[i] / PI);
+        double sum = 0.0;
+        for (int ray = 0; ray < RAYS; ++ray) {
+            const double y = reach * (2.0 * (ray + 0.5) / RAYS - 1.0);
+            const Vec3 o = vec3(3.5f, (float)y, -50.0f);
+            const FieldRadiance seen = cloud_along(&cloud, o, vec3(0, 0, 1), 100.0f);
+            sum += (double)seen.radiance.r * 2.0 * reach / RAYS;
+        }
+        ENSURE_NEAR(sum * 4.0 * PI * exp(1e-3 * 53.5), 1.0, 1e-4);
+        points_clear(&cloud);
+    }
+}
+
 static void points_reach_to_a_tilted_boundary(void) {
     LightBeam beam = straight_beam(7.0f, 0.01f);
     beam.start_slope = 1.0f;
@@ -810,6 +831,7 @@ void test_gather(void) {
     RUN(gather_along_a_sample_is_exact);
     RUN(kernel_is_normalised);
     RUN(points_tile_a_beam);
+    RUN(bounds_of_kernels_keep_the_flux);
     RUN(points_reach_to_a_tilted_boundary);
     RUN(points_follow_the_covariance);
     RUN(points_do_not_depend_on_the_cut);

@@ -12,7 +12,7 @@ enum { GRAIN = 4096 };
 /* A kernel is at most so many times longer than wide, and its half-axes between these multiples of
  * the typical kernel's. Where light folds over itself neighbouring rays land on a line, and the
  * thinner a kernel may be there the sharper is the fold; where light grazes it carries little, and
- * need not be smooth. By tests/bench/bench_caustics.py. */
+ * need not be smooth. They move no flux. By tests/bench/bench_caustics.py. */
 static const float ECCENTRICITY_MAX = 128.0f;
 static const float AXIS_MIN = 0.005f;
 static const float AXIS_MAX = 32.0f;
@@ -69,16 +69,16 @@ static Quadric landing_quadric(const LightLanding *landing, float overlap, Vec3 
     return sum;
 }
 
-static CausticPhoton place_photon(const Placement *placement, const LightLanding *landing) {
+CausticPhoton caustics_kernel(const LightLanding *landing, float overlap, float axis) {
     Vec3 x, y;
     vec3_frame(landing->n, &x, &y);
-    const Quadric q = landing_quadric(landing, placement->params->overlap, x, y);
+    const Quadric q = landing_quadric(landing, overlap, x, y);
     /* Its axes: half the angle of (xx - yy, 2 xy). */
     const float mean = 0.5f * (q.xx + q.yy);
     const float half = 0.5f * (q.xx - q.yy);
     const float split = sqrtf(half * half + q.xy * q.xy);
     const float angle = split > 0.0f ? 0.5f * atan2f(q.xy, half) : 0.0f;
-    const float most = AXIS_MAX * placement->axis, least = AXIS_MIN * placement->axis;
+    const float most = AXIS_MAX * axis, least = AXIS_MIN * axis;
     const float a = clampf(sqrtf(mean + split), least, most);
     const float b = clampf(safe_sqrtf(mean - split), fmaxf(a / ECCENTRICITY_MAX, least), most);
     const Vec3 along = vec3_madd(vec3_scale(x, cosf(angle)), sinf(angle), y);
@@ -94,7 +94,8 @@ static AmbStatus place_photons(void *user, uint64_t begin, uint64_t end, uint32_
     (void)thread;
     const Placement *placement = user;
     for (uint64_t i = begin; i < end; ++i)
-        placement->photons[i] = place_photon(placement, &placement->landings[placement->chosen[i]]);
+        placement->photons[i] = caustics_kernel(&placement->landings[placement->chosen[i]],
+                                                placement->params->overlap, placement->axis);
     return AMB_OK;
 }
 

@@ -5,6 +5,7 @@
 #ifndef AMB_FIELD_CAUSTICS_CAUSTICS_H
 #define AMB_FIELD_CAUSTICS_CAUSTICS_H
 
+#include "field/caustics/caustic_tree.h"
 #include "field/caustics/glow.h"
 #include "light/light_trace.h"
 
@@ -43,6 +44,9 @@ typedef struct CausticGlow {
 } CausticGlow;
 
 CausticGlow caustics_glow(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part);
+
+/* What a landing is spread out to; axis: the half-axis of the typical kernel, m. */
+CausticPhoton caustics_kernel(const LightLanding *landing, float overlap, float axis);
 
 CausticAccount caustics_account(const CausticMap *map);
 
