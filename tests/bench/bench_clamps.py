@@ -42,6 +42,7 @@ POINTS = ("points", "fixed")
 # The same with eight times as many samples of the light, or 32 times as many of the camera.
 MORE_POINTS = ("points x8",)
 MORE_CAUSTICS = ("caustics fine",)
+GLOW = ("glow", "glow near")
 CLAMPS = (
     Clamp("cosine behind a boundary, footprints", "optics/tangent.h",
           "fmaxf(cos_t, 1e-3f)", "fmaxf(cos_t, 1e-4f)", (*POINTS, "caustics"),
@@ -119,16 +120,16 @@ CLAMPS = (
           "COS_AXIS_MIN = 1e-12", "COS_AXIS_MIN = 1e-9", ("lens",),
           "clipping planes of rays along the lens"),
     Clamp("least width of glow", "field/caustics/glow.c",
-          "WIDTH_MIN = 0.1f", "WIDTH_MIN = 0.05f", ("glow",),
+          "WIDTH_MIN = 0.1f", "WIDTH_MIN = 0.05f", GLOW,
           "light that turned near by, in units of what the density says"),
     Clamp("least width of glow at edges", "field/caustics/glow.c",
-          "EDGE_WIDTH_MIN = 0.2f", "EDGE_WIDTH_MIN = 0.1f", ("glow",), "in the same units"),
+          "EDGE_WIDTH_MIN = 0.2f", "EDGE_WIDTH_MIN = 0.1f", GLOW, "in the same units"),
     Clamp("points of glow", "field/caustics/glow.c",
-          "POINT = 1e-6f", "POINT = 1e-7f", ("glow",), "narrower kernels are none"),
+          "POINT = 1e-6f", "POINT = 1e-7f", GLOW, "narrower kernels are none"),
     Clamp("faces where glow goes on", "field/caustics/glow.c",
           "PROBE_COS_MIN = 0.5f", "PROBE_COS_MIN = 0.25f", ("glow",), "cosine between normals"),
     Clamp("faces whose photons are neighbours", "field/caustics/neighbours.c",
-          "NORMAL_COS_MIN = 0.5f", "NORMAL_COS_MIN = 0.25f", ("glow",), "cosine between normals"),
+          "NORMAL_COS_MIN = 0.5f", "NORMAL_COS_MIN = 0.25f", GLOW, "cosine between normals"),
     Clamp("grazing glow", "field/scatter/photon_walk.c",
           "GRAZING_COS = 1e-4f", "GRAZING_COS = 1e-5f", ("glow",),
           "photons that land at less are left out"),
@@ -157,8 +158,9 @@ def measure(scene: str) -> np.ndarray:
         set_perspective,
     )  # fmt: skip
     from bumpy import EYE, FOV, UP, bumpy
-    from meshes import bumpy_sphere
+    from meshes import box, bumpy_sphere
     from ref_bumpy import bumpy_scene
+    from test_caustics import add_floor, look_down
 
     settings = {"samples": 4, "seed": 1, "threads": 1}
     scene, _, more_samples = scene.partition(" x")
@@ -170,9 +172,16 @@ def measure(scene: str) -> np.ndarray:
             effects=_ffi.AMB_EFFECT_CAUSTICS, light_samples=times * 2**17, **settings,
         ).pixels  # fmt: skip
 
-    if scene == "glow":
+    def on_floor(handle: handles.Scene) -> None:
+        add_body(handle, box((-1, -0.7, 0.002), (1, 0.7, 1.2)), Medium(1.0, 0.45, 0.05))
+        add_point(handle, (1.5, 0.5, 4.0), 100.0)
+        add_floor(handle)
+        look_down(handle, 6.0, 0.1)
+
+    if scene.startswith("glow"):
         return render(
-            lambda handle: bench_glow.build(handle, "middle"), 32, effects=bench_glow.EFFECTS,
+            on_floor if scene == "glow near" else lambda handle: bench_glow.build(handle, "middle"),
+            32, effects=bench_glow.EFFECTS,
             light_bounces=4, light_samples=2**15, scatter_estimator=1,
             **(settings | {"samples": 64}),
         ).pixels  # fmt: skip
