@@ -43,6 +43,7 @@ POINTS = ("points", "fixed")
 MORE_POINTS = ("points x8",)
 MORE_CAUSTICS = ("caustics fine",)
 GLOW = ("glow", "glow near")
+MORE_GLOW = ("glow near x64",)
 CLAMPS = (
     Clamp("cosine behind a boundary, footprints", "optics/tangent.h",
           "fmaxf(cos_t, 1e-3f)", "fmaxf(cos_t, 1e-4f)", (*POINTS, "caustics"),
@@ -120,10 +121,11 @@ CLAMPS = (
           "COS_AXIS_MIN = 1e-12", "COS_AXIS_MIN = 1e-9", ("lens",),
           "clipping planes of rays along the lens"),
     Clamp("least width of glow", "field/caustics/glow.c",
-          "WIDTH_MIN = 0.1f", "WIDTH_MIN = 0.05f", GLOW,
+          "WIDTH_MIN = 0.1f", "WIDTH_MIN = 0.05f", (*GLOW, *MORE_GLOW),
           "light that turned near by, in units of what the density says"),
     Clamp("least width of glow at edges", "field/caustics/glow.c",
-          "EDGE_WIDTH_MIN = 0.2f", "EDGE_WIDTH_MIN = 0.1f", GLOW, "in the same units"),
+          "EDGE_WIDTH_MIN = 0.2f", "EDGE_WIDTH_MIN = 0.1f", (*GLOW, *MORE_GLOW),
+          "in the same units"),
     Clamp("points of glow", "field/caustics/glow.c",
           "POINT = 1e-6f", "POINT = 1e-7f", GLOW, "narrower kernels are none"),
     Clamp("faces where glow goes on", "field/caustics/glow.c",
@@ -182,7 +184,7 @@ def measure(scene: str) -> np.ndarray:
         return render(
             on_floor if scene == "glow near" else lambda handle: bench_glow.build(handle, "middle"),
             32, effects=bench_glow.EFFECTS,
-            light_bounces=4, light_samples=2**15, scatter_estimator=1,
+            light_bounces=4, light_samples=times * 2**15, scatter_estimator=1,
             **(settings | {"samples": 64}),
         ).pixels  # fmt: skip
 
