@@ -110,7 +110,9 @@ static void choose_by_cost(const AmbRenderParams *params, Plan *plan) {
     const double samples =
         room > 0.0 ? pow(plan->walks.noise / room, WALK_ORDER) : (double)INFINITY;
     const double cost = (plan->has_field ? 1.0 : DARK_WALK_COST) * plan->walks.cost;
-    const double photons = PHOTONS_OF_FIRST * (double)count_photons(params);
+    /* Light of the surroundings that scatters once is even: the first are enough. */
+    const double photons =
+        (has_later_orders(plan) ? PHOTONS_OF_FIRST : 1.0) * (double)count_photons(params);
     const bool takes_photons =
         plan->walks.pixels * samples * cost > PHOTONS_COST + PHOTON_COST * photons;
     choose(plan, takes_photons,
