@@ -25,6 +25,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ("bumpy_sphere", "bunny", "buddha", "oil", "suzanne")
 FROM_MESH = ("bunny", "buddha")
+# What the paper measures: light that scatters once, without internal reflections.
+SETTINGS = ("effects=MANUAL", "light_bounces=0", "camera_bounces=0")
 
 # [Liang19] table 4: fixed points of equal quality over covariance points: samples, bytes, time.
 PRINTED = {
@@ -161,7 +163,7 @@ def main() -> None:
                 continue
             out = Path(folder) / name
             command = [str(ROOT / "amberlight"), "cost", str(blend), "-o", str(out),
-                       f"time_limit={arguments.time_limit:g}", *arguments.settings]  # fmt: skip
+                       f"time_limit={arguments.time_limit:g}", *SETTINGS, *arguments.settings]  # fmt: skip
             subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
             ratios.append(print_scene(name, out / "cost.csv"))
     print("\n## POINTS_FIXED of equal quality over POINTS_COVARIANCE, ours and in print\n")
