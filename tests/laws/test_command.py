@@ -67,7 +67,7 @@ def test_render_writes_picture_passes_and_report(tmp_path: Path) -> None:
 
 def test_cost_writes_tables_figure_and_images(tmp_path: Path) -> None:
     scene = str(ROOT / "scenes_blend" / "sphere.blend")
-    quick = ["size=16", "samples=1", "time_limit=15", "repeats=1"]
+    quick = ["size=16", "samples=1", "time_limit=25", "repeats=1"]
     result = amberlight("cost", scene, "-o", "cost", *quick, cwd=tmp_path)
     assert result.returncode == 0, result.stdout + result.stderr
     folder = tmp_path / "cost"

@@ -327,8 +327,8 @@ enum {
                                             * they cast black shadows */
     AMB_EFFECT_WORLD_LIGHT = 1 << 7,       /* light of the world and of lit opaque surfaces that
                                             * scatters in media */
-    AMB_EFFECT_INTERREFLECTION = 1 << 8,   /* light that opaque surfaces send one another, as the
-                                            * camera sees it; what scatters of it is left out */
+    AMB_EFFECT_INTERREFLECTION = 1 << 8,   /* light that opaque surfaces have from one another, as
+                                            * the camera sees it and, with WORLD_LIGHT, media */
     AMB_EFFECT_LAMP_IMAGES = 1 << 9,       /* lamps of some extent that the camera sees mirrored in
                                             * objects, or through them */
 };

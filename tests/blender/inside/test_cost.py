@@ -98,7 +98,7 @@ def test_measure_with_the_stand_in(quick, fake_library, tmp_path):
 
 
 def test_measure_the_real_library(quick, real_library, tmp_path):
-    quick.amberlight_cost.time_limit = 6.0
+    quick.amberlight_cost.time_limit = 12.0
     assert bpy.ops.amberlight.measure_cost() == {"FINISHED"}
     text = (tmp_path / "cost" / "cost.md").read_text()
     assert "reference: TUBES, refinement" in text
