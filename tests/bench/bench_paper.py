@@ -163,7 +163,8 @@ def main() -> None:
                 continue
             out = Path(folder) / name
             command = [str(ROOT / "amberlight"), "cost", str(blend), "-o", str(out),
-                       f"time_limit={arguments.time_limit:g}", *SETTINGS, *arguments.settings]  # fmt: skip
+                       f"time_limit={arguments.time_limit:g}",
+                       *SETTINGS, *arguments.settings]  # fmt: skip
             subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
             ratios.append(print_scene(name, out / "cost.csv"))
     print("\n## POINTS_FIXED of equal quality over POINTS_COVARIANCE, ours and in print\n")

@@ -126,7 +126,8 @@ static double solid_angle(const Candidate *candidate, const SceneObject *object)
              gap(candidate->low.y, candidate->high.y, object->low.y, object->high.y),
              gap(candidate->low.z, candidate->high.z, object->low.z, object->high.z));
     const double square = (double)vec3_dot(apart, apart);
-    return fmin(2.0 * (double)AMB_PI, 0.5 * candidate->area / square);
+    const double half_space = 2.0 * (double)AMB_PI;
+    return square > 0.0 ? fmin(half_space, 0.5 * candidate->area / square) : half_space;
 }
 
 static double irradiance_of(const Candidate *candidate, double solid_angle) {
@@ -142,7 +143,7 @@ static double irradiance_of_lamps(const AmbScene *scene, const SceneObject *obje
         light.position = scene_place(scene, light.position);
         const LightEmission emission = {
             .light = &light, .target = object->center, .target_radius = object->radius, .count = 1};
-        const double irradiance = (double)light_power_towards(&emission) / disc;
+        const double irradiance = disc > 0.0 ? (double)light_power_towards(&emission) / disc : 0.0;
         sum += isfinite(irradiance) ? irradiance : 0.0;
     }
     return sum;
@@ -160,6 +161,8 @@ static void look_from(const AmbScene *scene, uint32_t o, Candidates *candidates)
         if (candidate->object == o)
             continue;
         const double angle = solid_angle(candidate, object);
+        if (!(angle > 0.0) || !(all > 0.0))
+            continue;
         const double share = irradiance_of(candidate, angle) / all;
         const double noise = share * sqrt(2.0 * (double)AMB_PI / angle);
         if (share > SHARE_MIN && noise > NOISE_MIN)
