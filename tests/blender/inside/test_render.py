@@ -417,7 +417,7 @@ def test_walls_light_one_another_as_in_cycles(small, real_library, render_to):
         pytest.skip("no Cycles")
     closed_room(((0.8, 0.8, 0.8), (0.9, 0.1, 0.1)))
     small.camera.data.lens = 18
-    ours, cycles = by_both_engines(small, render_to, 256)
+    ours, cycles = by_both_engines(small, render_to, 1024)
     assert ours == pytest.approx(cycles, rel=0.04)
     assert ours.mean() == pytest.approx(cycles.mean(), rel=0.01)
     small.amberlight.effects, small.amberlight.use_interreflection = "MANUAL", False
