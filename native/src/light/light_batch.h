@@ -10,9 +10,9 @@ typedef struct LightBatch {
     LightEmission emission; /* light NULL: the surroundings */
     double power;           /* W, mean of the channels, about: divides rays among batches */
     MediumStack start;      /* media around the light */
+    uint64_t first;         /* index of its first ray among all */
     uint32_t target;
-    uint64_t first; /* index of its first ray among all */
-    float shift;    /* of the order of its rays, see sample_fibonacci_rank */
+    float shift; /* of the order of its rays, see sample_fibonacci_rank */
 } LightBatch;
 
 /* Aims a light (NULL: the surroundings) at an object, but for the power; false if none of its light
