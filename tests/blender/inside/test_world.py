@@ -6,6 +6,7 @@ import math
 import bpy
 import numpy as np
 import pytest
+from images import packed_image
 
 
 @pytest.fixture
@@ -32,17 +33,8 @@ class Sky:
         self.tree.links.new(a.outputs[output], b.inputs[name])
 
     def image(self, values, *, is_float=True):
-        """values: (height, width, 3), row 0 at the bottom."""
-        height, width = values.shape[:2]
-        image = bpy.data.images.new("Sky", width, height, float_buffer=is_float)
-        pixels = np.ones((height, width, 4), np.float32)
-        pixels[..., :3] = values
-        image.pixels.foreach_set(pixels.ravel())
-        image.update()
-        # What is only in memory is lost to a renderer that reads the file.
-        image.pack()
-        self.texture.image = image
-        return image
+        self.texture.image = packed_image("Sky", values, is_float=is_float)
+        return self.texture.image
 
     def turn(self, kind, rotation):
         mapping = self.tree.nodes.new("ShaderNodeMapping")
