@@ -268,6 +268,55 @@ static void sheets_have_no_inside(void) {
     amb_scene_destroy(scene);
 }
 
+/* Walls just around the medium are no solid that hides what is inside: neither those of a room that
+ * the camera is in nor those of one that is open. */
+static void rooms_have_an_inside(void) {
+    for (int k = 0; k < 2; ++k) {
+        Shape sphere = shape_sphere(48, 96), room = shape_box();
+        AmbScene *scene = scene_of(&sphere, true, shape_resin(1.5f, 20.0f, 0.0f, 0.0f));
+        AmbMaterial paint;
+        amb_material_init(&paint);
+        uint32_t id = 0;
+        ENSURE_STATUS(amb_scene_add_material(scene, &paint, &id), AMB_OK);
+        if (k == 1)
+            room.triangle_count -= 2;
+        const AmbMesh mesh = shape_mesh(&room, "room", false);
+        shape_add(scene, &mesh, id, 1.001f, 0.0f, 0.0f, 0.0f);
+        shape_free(&room);
+        build(scene); /* its camera is in the middle */
+        check_volumes_of_sphere(scene);
+        amb_scene_destroy(scene);
+    }
+}
+
+/* Behind the walls of a room, and inside a stone, is nothing that is seen. */
+static void solids_hide_what_is_behind(void) {
+    for (int k = 0; k < 2; ++k) {
+        Shape fog = shape_box(), solid = shape_sphere(48, 96);
+        AmbScene *scene = scene_of(&fog, false, shape_resin(1.0f, 0.5f, 0.0f, 0.0f));
+        AmbMaterial paint;
+        amb_material_init(&paint);
+        uint32_t id = 0;
+        ENSURE_STATUS(amb_scene_add_material(scene, &paint, &id), AMB_OK);
+        const AmbMesh mesh = shape_mesh(&solid, "solid", false);
+        const float radius = k == 0 ? 0.8f : 0.3f, aside = k == 0 ? 0.0f : 0.5f;
+        shape_add(scene, &mesh, id, radius, aside, 0.0f, 0.0f);
+        shape_free(&solid);
+        build(scene); /* its camera is in the middle: in the sphere, or beside it */
+        Job job;
+        job_init(&job, 1);
+        ScatterCells cells;
+        ENSURE_STATUS(scatter_cells_build(scene, 0, 0.1f, 2, &job, &cells), AMB_OK);
+        double sum = 0.0;
+        for (uint64_t i = 0; i < cells.cell_count; ++i)
+            sum += (double)cells.volumes[i];
+        const double ball = 4.0 / 3.0 * PI * pow((double)radius, 3.0);
+        ENSURE_NEAR(sum / (k == 0 ? ball : 8.0 - ball), 1.0, 0.02);
+        scatter_cells_clear(&cells);
+        amb_scene_destroy(scene);
+    }
+}
+
 /* Lines along the normals of flat walls meet their layers all alike: each layer has the volume of
  * its shell, where the grid's distances are not rounded by edges. */
 static void volumes_of_a_box(void) {
@@ -487,6 +536,8 @@ void test_scatter(void) {
     RUN(depths_of_a_sphere);
     RUN(volumes_of_a_sphere);
     RUN(sheets_have_no_inside);
+    RUN(rooms_have_an_inside);
+    RUN(solids_hide_what_is_behind);
     RUN(volumes_of_a_box);
     RUN(flux_is_kept);
     RUN(long_walks_are_few);

@@ -22,7 +22,8 @@ AREA = _ffi.AMB_LIGHT_AREA
 
 @dataclass(frozen=True)
 class Body:
-    """A dielectric object; coefficients RGB or one number, 1/m. ``black`` triangles absorb."""
+    """A dielectric object; coefficients RGB or one number, 1/m. ``black`` triangles absorb. Or an
+    opaque one of ``albedo``, which shines with ``emission``, W m^-2 sr^-1."""
 
     mesh: Mesh
     ior: float = 1.0
@@ -31,6 +32,8 @@ class Body:
     g: float = 0.0
     black: NDArray[np.bool_] | None = None
     is_opaque: bool = False
+    albedo: ArrayLike = 0.0
+    emission: ArrayLike = 0.0
     normals_at_corners: Array | None = None
 
 
@@ -106,7 +109,11 @@ class Setup:
 
     def _add_body(self, scene: handles.Scene, body: Body, name: str) -> None:
         if body.is_opaque:
-            kind = {"surface": _ffi.AMB_SURFACE_DIFFUSE, "albedo": rgb(0)}
+            kind = {
+                "surface": _ffi.AMB_SURFACE_DIFFUSE,
+                "albedo": rgb(body.albedo),
+                "emission": rgb(body.emission),
+            }
         else:
             kind = {
                 "surface": _ffi.AMB_SURFACE_DIELECTRIC,

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from api import _ffi, render
 from hard import METHODS, ORDERS, Case
-from meshes import icosphere
+from meshes import Mesh, box, icosphere
 from scenes import SUN, Body, Camera, Lamp, Setup, difference, mean
 
 EVERYTHING = (
@@ -42,6 +42,37 @@ def furnace(method: str, radius: float, g: float, ior: float) -> float:
     )
     pixels = image.pixels[..., :3].astype(np.float64)
     return float(np.abs(pixels.mean(axis=(0, 1)) - 1).max())
+
+
+def room(method: str, half: float, is_open: bool) -> float:
+    """A white medium in a room that glows, or in front of it in a world as bright, cannot be seen,
+    also where it ends just before the walls or goes on behind them."""
+    walls = box((-2, -2, -2), (2, 2, 2))
+    if is_open:
+        is_front = np.all(walls.positions[walls.triangles][..., 2] > 1, axis=1)
+        walls = Mesh(walls.positions, walls.triangles[~is_front])
+    bodies = (
+        Body(walls, is_opaque=True, emission=1.0),
+        Body(box((-half,) * 3, (half,) * 3), 1.0, 0.4, 0.0),
+    )
+    at = (0.01, 0.02, 4.0 if is_open else 1.9)
+    setup = Setup(bodies, (), Camera(at, window=0.3, is_perspective=True), size=4)
+
+    def build(scene: object) -> None:
+        setup.build(scene)
+        scene.set_world((1.0, 1.0, 1.0))
+
+    settings = {
+        "threads": 1,
+        "estimator": _ffi.AMB_ESTIMATOR_POINTS_COVARIANCE,
+        "light_samples": 2**18,
+        "samples": 512 if method == "WALK" else 64,
+        "film_transparent": 0,
+    }
+    image = render(
+        build, setup.size, "Combined", **(settings | METHODS[method] | {"effects": EVERYTHING})
+    )
+    return float(np.abs(image.pixels[..., :3].astype(np.float64).mean() - 1))
 
 
 def all_light(setup: Setup, method: str, **params: object) -> np.ndarray:
@@ -101,6 +132,18 @@ CASES = [
             (1.0, 0.0, 0.8),
             (1.0, 0.0, 1 + 2**-23),
         )
+    ),
+    *(
+        Case(
+            f"medium of half width {half:g} in {'an open' if is_open else 'a'} room of 2",
+            "radiance 1 where the walls have 1; absolute",
+            5e-2,
+            lambda m, half=half, is_open=is_open: room(m, half, is_open),
+            ORDERS,
+            bound_points=0.1,
+        )
+        for half in (1.9, 1.999, 2.5)
+        for is_open in (False, True)
     ),
     *(
         Case(
