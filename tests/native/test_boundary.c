@@ -234,6 +234,48 @@ static void an_opaque_face_on_a_boundary_ends_the_path(void) {
     }
 }
 
+/* A basin: resin in a box of which only the top is a boundary. Its opaque walls are its ends. */
+static void a_basin_has_an_inside(void) {
+    AmbScene *scene = NULL;
+    ENSURE_STATUS(amb_scene_create(&scene), AMB_OK);
+    AmbMaterial stone;
+    amb_material_init(&stone);
+    const AmbMaterial resin = shape_resin(1.5f, 1.0f, 0.0f, 0.0f);
+    uint32_t materials[2], id = 0;
+    ENSURE_STATUS(amb_scene_add_material(scene, &resin, &materials[0]), AMB_OK);
+    ENSURE_STATUS(amb_scene_add_material(scene, &stone, &materials[1]), AMB_OK);
+    Shape box = shape_box();
+    uint32_t slots[12];
+    for (uint32_t t = 0; t < 12; ++t) {
+        slots[t] = 0;
+        for (int k = 0; k < 3; ++k)
+            slots[t] |= box.positions[3 * box.triangles[3 * t + (uint32_t)k] + 2] < 0.0f;
+    }
+    AmbMesh mesh = shape_mesh(&box, "basin", false);
+    mesh.slots = slots;
+    AmbObject object;
+    amb_object_init(&object);
+    object.materials = materials;
+    object.material_count = 2;
+    ENSURE_STATUS(amb_scene_add_mesh(scene, &mesh, &object.mesh), AMB_OK);
+    ENSURE_STATUS(amb_scene_add_object(scene, &object, &id), AMB_OK);
+    shape_free(&box);
+    shape_commit(scene);
+    Job job;
+    job_init(&job, 1);
+    ENSURE_STATUS(scene_build(scene, &job), AMB_OK);
+    uint64_t state = 7;
+    int wrong = 0;
+    for (int trial = 0; trial < 2000; ++trial) {
+        const Vec3 p = vec3((float)test_uniform(&state, -2, 2), (float)test_uniform(&state, -2, 2),
+                            (float)test_uniform(&state, -2, 2));
+        const bool is_inside = fabsf(p.x) < 1.0f && fabsf(p.y) < 1.0f && fabsf(p.z) < 1.0f;
+        wrong += scene_media_at(scene, p).count != (is_inside ? 1u : 0u);
+    }
+    ENSURE(wrong == 0);
+    amb_scene_destroy(scene);
+}
+
 /* Outside of the resin a bubble that reaches through its surface is not there. */
 static void a_bubble_cuts_a_hole(void) {
     static const Slab slabs[2] = {{0.0f, 2.0f, 0}, {1.0f, 3.0f, 1}};
@@ -268,5 +310,6 @@ void test_boundary(void) {
     RUN(the_highest_priority_holds);
     RUN(touching_faces_are_one_boundary);
     RUN(an_opaque_face_on_a_boundary_ends_the_path);
+    RUN(a_basin_has_an_inside);
     RUN(a_bubble_cuts_a_hole);
 }

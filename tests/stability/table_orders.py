@@ -75,6 +75,30 @@ def room(method: str, half: float, is_open: bool) -> float:
     return float(np.abs(image.pixels[..., :3].astype(np.float64).mean() - 1))
 
 
+def basin(method: str) -> float:
+    """A medium whose mesh is opaque but for the top, in a uniform world: photons as walks."""
+    mesh = box((-1, -1, -1), (1, 1, 1))
+    is_wall = np.any(mesh.positions[mesh.triangles][..., 2] < 0, axis=1)
+    setup = Setup(
+        (Body(mesh, 1.0, 1.0, 0.0, black=is_wall),),
+        (),
+        Camera((0.01, 0.02, 4), window=0.3, is_perspective=True),
+        size=4,
+    )
+
+    def build(scene: object) -> None:
+        setup.build(scene)
+        scene.set_world((1.0, 1.0, 1.0))
+
+    means = []
+    for estimator, samples in (("WALK", 1024), (method, 64)):
+        settings = {"threads": 1, "light_samples": 2**18, "samples": samples}
+        settings |= METHODS[estimator] | {"effects": EVERYTHING}
+        image = render(build, setup.size, "Combined", **settings)
+        means.append(float(image.pixels[..., :3].astype(np.float64).mean()))
+    return abs(means[1] / means[0] - 1)
+
+
 def all_light(setup: Setup, method: str, **params: object) -> np.ndarray:
     """All orders together, RGB."""
     from scenes import picture
@@ -145,6 +169,7 @@ CASES = [
         for half in (1.9, 1.999, 2.5)
         for is_open in (False, True)
     ),
+    Case("basin of opaque walls", "walks; relative", 5e-2, basin, ("PHOTONS",)),
     *(
         Case(
             f"all orders, world {s:g} times as large",

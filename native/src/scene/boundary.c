@@ -129,7 +129,8 @@ MediumStack scene_media_at(const AmbScene *scene, Vec3 p) {
             break;
         const SurfacePoint surface = scene_surface(scene, &hit);
         o = scene_leave(&surface, d);
-        if (!is_boundary_surface(&surface))
+        /* A medium has an inside behind its opaque faces, too. */
+        if (!scene->objects[surface.object].is_boundary)
             continue;
         FaceSet set;
         find_faces(scene, &surface, d, &set);

@@ -370,11 +370,13 @@ static void measure_line(const Measure *measure, Vec3 o, Vec3 d, float area) {
         const SurfacePoint surface = scene_surface(scene, &hit);
         SurfacePoint wall = surface;
         bool is_opaque = surface.material->surface != AMB_SURFACE_DIELECTRIC;
-        if (!is_opaque) {
+        if (scene->objects[surface.object].is_boundary) {
             const BoundaryCrossing crossing = boundary_cross(scene, &stack, &surface, d);
             stack = crossing.beyond;
-            is_opaque = crossing.is_opaque;
-            wall = crossing.surface;
+            if (!is_opaque) {
+                is_opaque = crossing.is_opaque;
+                wall = crossing.surface;
+            }
         }
         const int change = is_left(&wall, d) ? -1 : 1;
         if (is_opaque && is_listed(&measure->solids->rooms, wall.object))
