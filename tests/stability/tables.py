@@ -11,6 +11,7 @@ import table_lights
 import table_media
 import table_meshes
 import table_orders
+import table_surfaces
 
 TABLES = {
     "Estimators": table_estimators.CASES,
@@ -18,6 +19,7 @@ TABLES = {
     "Media": table_media.CASES,
     "Meshes and places": table_meshes.CASES,
     "Later orders": table_orders.CASES,
+    "Opaque surfaces": table_surfaces.CASES,
     "Continuity": table_continuity.CASES,
 }
 
