@@ -10,9 +10,12 @@
 #include "fuzz.h"
 
 enum { STEP_MAX = 20, VERTEX_MAX = 64, TRIANGLE_MAX = 96, SIDE_MAX = 5, PASS_MAX = 8 };
+/* Images come from so many of the last bytes, whatever else those say: seeds stay the stories that
+ * they are. */
+enum { IMAGE_BYTES = 64, IMAGE_SIDE_MAX = 5 };
 
 typedef struct Story {
-    Bytes bytes;
+    Bytes bytes, images;
     AmbScene *scene;
     bool is_moderate; /* nothing taken so far could overflow a float by itself */
     bool is_small;    /* pictures of a millisecond */
@@ -23,21 +26,24 @@ typedef struct Story {
 static unsigned long long stories, pictures, refusals;
 
 /* Mostly within the range, sometimes at its ends or 0, rarely anything at all. */
-static float any_float(Story *story, float low, float high) {
+static float any_number(Bytes *bytes, float low, float high) {
     static const float specials[] = {0.0f,    -0.0f,   1.0f,   -1.0f,    1e-7f, 1e7f,
                                      FLT_MIN, FLT_MAX, 1e-42f, -FLT_MAX, 1e20f, 1e-20f};
-    const uint32_t kind = bytes_u8(&story->bytes);
+    const uint32_t kind = bytes_u8(bytes);
+    if (kind < 252)
+        return (float)bytes_uniform(bytes, (double)low, (double)high);
+    if (kind < 254)
+        return kind == 252 ? low : high;
+    if (kind < 255)
+        return specials[bytes_below(bytes, sizeof specials / sizeof specials[0])];
+    const uint32_t bits = bytes_u32(bytes);
     float value;
-    if (kind < 252) {
-        value = (float)bytes_uniform(&story->bytes, (double)low, (double)high);
-    } else if (kind < 254) {
-        value = kind == 252 ? low : high;
-    } else if (kind < 255) {
-        value = specials[bytes_below(&story->bytes, sizeof specials / sizeof specials[0])];
-    } else {
-        const uint32_t bits = bytes_u32(&story->bytes);
-        memcpy(&value, &bits, sizeof value);
-    }
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static float any_float(Story *story, float low, float high) {
+    const float value = any_number(&story->bytes, low, high);
     const float size = fabsf(value);
     story->is_moderate = story->is_moderate && (size == 0.0f || (size >= 1e-7f && size <= 1e7f));
     return value;
@@ -67,6 +73,37 @@ static AmbStatus checked(AmbStatus status) {
     return status;
 }
 
+/* Pixels of any image: even in the range, but for one that may be anything. */
+static void any_pixels(Story *story, float *out, uint32_t count, float high) {
+    Bytes *bytes = &story->images;
+    for (uint32_t i = 0; i < count; ++i)
+        out[i] = (float)bytes_uniform(bytes, 0.0, (double)high);
+    if (count > 0)
+        out[bytes_below(bytes, count)] = any_number(bytes, 0.0f, high);
+}
+
+/* An image on the material, somewhere. Whatever its numbers are, what is seen is in range. */
+static void add_texture(Story *story, AmbMaterial *material) {
+    Bytes *bytes = &story->images;
+    if (bytes_below(bytes, 2) == 0)
+        return;
+    float pixels[IMAGE_SIDE_MAX * IMAGE_SIDE_MAX * 3];
+    AmbTexture texture;
+    amb_texture_init(&texture);
+    texture.name = "picture";
+    texture.width = bytes_below(bytes, IMAGE_SIDE_MAX + 1);
+    texture.height = bytes_below(bytes, IMAGE_SIDE_MAX + 1);
+    texture.extension = bytes_below(bytes, 5);
+    texture.interpolation = bytes_below(bytes, 2);
+    texture.color = bytes_below(bytes, 64) == 0 ? NULL : pixels;
+    any_pixels(story, pixels, 3 * texture.width * texture.height, 1.0f);
+    checked(amb_scene_add_texture(story->scene, &texture, &material->texture));
+    if (bytes_below(bytes, 64) == 0)
+        material->texture = bytes_u8(bytes);
+    for (int i = 0; i < 6; ++i)
+        material->uv_to_texture[i] = any_number(bytes, -2.0f, 2.0f);
+}
+
 static void add_material(Story *story) {
     AmbMaterial material;
     amb_material_init(&material);
@@ -87,6 +124,7 @@ static void add_material(Story *story) {
         any_floats(story, material.lobes[i].sigma_s, 3, 0.0f, 5.0f);
         material.lobes[i].g = any_float(story, -0.95f, 0.95f);
     }
+    add_texture(story, &material);
     uint32_t id = 0;
     if (checked(amb_scene_add_material(story->scene, &material, &id)) == AMB_OK)
         story->materials = id + 1;
@@ -99,6 +137,7 @@ static void add_mesh(Story *story) {
     static const uint32_t faces[8][3] = {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4},
                                          {2, 0, 5}, {1, 2, 5}, {3, 1, 5}, {0, 3, 5}};
     float positions[VERTEX_MAX][3] = {{0}}, normals[3 * TRIANGLE_MAX][3];
+    float uvs[3 * TRIANGLE_MAX][2];
     uint32_t triangles[TRIANGLE_MAX][3] = {{0}}, slots[TRIANGLE_MAX];
     Bytes *bytes = &story->bytes;
     AmbMesh mesh;
@@ -146,6 +185,12 @@ static void add_mesh(Story *story) {
     }
     for (uint32_t i = 0; i < TRIANGLE_MAX; ++i)
         slots[i] = bytes_below(bytes, 8) == 0;
+    float corners_of_image[4][2];
+    for (int i = 0; i < 8; ++i)
+        corners_of_image[i / 2][i % 2] = any_number(&story->images, -2.0f, 2.0f);
+    for (uint32_t i = 0; i < 3 * TRIANGLE_MAX; ++i)
+        memcpy(uvs[i], corners_of_image[(i + i / 3) % 4], sizeof uvs[i]);
+    mesh.uvs = bytes_below(&story->images, 4) == 0 ? NULL : uvs[0];
     mesh.positions = positions[0];
     mesh.triangles = triangles[0];
     mesh.normals = normals[0];
@@ -203,6 +248,24 @@ static void set_world(Story *story) {
     float world[3];
     any_floats(story, world, 3, 0.0f, 2.0f);
     checked(amb_scene_set_world(story->scene, world));
+    Bytes *bytes = &story->images;
+    if (bytes_below(bytes, 2) == 0)
+        return;
+    /* Bright in one pixel, now and then: a lamp. */
+    float pixels[IMAGE_SIDE_MAX * IMAGE_SIDE_MAX * 3];
+    AmbWorldImage image;
+    amb_world_image_init(&image);
+    image.width = bytes_below(bytes, IMAGE_SIDE_MAX + 1);
+    image.height = bytes_below(bytes, IMAGE_SIDE_MAX + 1);
+    image.radiance = pixels;
+    const uint32_t count = 3 * image.width * image.height;
+    any_pixels(story, pixels, count, 2.0f);
+    const float bright = any_number(bytes, 0.0f, 1e5f);
+    if (count > 0)
+        pixels[bytes_below(bytes, count)] = bright;
+    for (uint32_t i = 0; i < count; ++i)
+        story->is_moderate = story->is_moderate && pixels[i] <= 1e7f;
+    checked(amb_scene_set_world_image(story->scene, &image));
 }
 
 static void set_camera(Story *story) {
@@ -310,8 +373,18 @@ static void check_picture(const Story *story, AmbRender *render, const AmbRender
     free(report);
 }
 
+/* What a render would do, in words. */
+static void explain(const Story *story, const AmbRenderParams *params) {
+    char text[1 << 14];
+    uint64_t size = 0;
+    checked(amb_plan_explain(story->scene, params, text, sizeof text, &size));
+}
+
 static void render(Story *story) {
-    const AmbRenderParams params = any_params(story);
+    AmbRenderParams params = any_params(story);
+    params.coarse_first = bytes_below(&story->images, 2);
+    if (bytes_below(&story->images, 16) == 0)
+        explain(story, &params);
     AmbRender *render = NULL;
     if (checked(amb_render_start(story->scene, &params, &render)) != AMB_OK)
         return;
@@ -339,7 +412,11 @@ unsigned long long fuzz_scene_pictures(void) {
 
 static void tell(const uint8_t *data, size_t size, bool is_small) {
     ++stories;
-    Story story = {.bytes = {data, size, 0}, .is_moderate = true, .is_small = is_small};
+    const size_t image_bytes = size < IMAGE_BYTES ? size : IMAGE_BYTES;
+    Story story = {.bytes = {data, size, 0},
+                   .images = {data + size - image_bytes, image_bytes, 0},
+                   .is_moderate = true,
+                   .is_small = is_small};
     if (checked(amb_scene_create(&story.scene)) != AMB_OK)
         return;
     /* Something to see first, so that few stories are about nothing. */
