@@ -121,7 +121,7 @@ CLAMPS = (
           "COS_AXIS_MIN = 1e-12", "COS_AXIS_MIN = 1e-9", ("lens",),
           "clipping planes of rays along the lens"),
     Clamp("least width of glow", "field/caustics/glow.c",
-          "WIDTH_MIN = 0.1f", "WIDTH_MIN = 0.05f", (*GLOW, *MORE_GLOW),
+          "WIDTH_MIN = 0.01f", "WIDTH_MIN = 0.005f", (*GLOW, *MORE_GLOW),
           "light that turned near by, in units of what the density says"),
     Clamp("least width of glow at edges", "field/caustics/glow.c",
           "EDGE_WIDTH_MIN = 0.2f", "EDGE_WIDTH_MIN = 0.1f", (*GLOW, *MORE_GLOW),

@@ -30,7 +30,15 @@ EFFECTS = ffi.AMB_EFFECT_CAUSTICS | ffi.AMB_EFFECT_SINGLE_SCATTERING
 LIGHT_SAMPLES = 2**20
 SAMPLES, MANY = 16, 2048
 # Optical radius and index of a ball, or of a box.
-SCENES = {"thin": (0.3, 1.5), "middle": (2.0, 1.5), "box": (0.5, 1.0), "thick": (10.0, 1.5)}
+SCENES = {
+    "thin": (0.3, 1.5),
+    "middle": (2.0, 1.5),
+    "box": (0.5, 1.0),
+    "near": (0.5, 1.0),
+    "thick": (10.0, 1.5),
+}
+# Of boxes above the floor.
+HEIGHTS = {"box": 0.2, "near": 0.002}
 SEEDS = 4  # of photons
 
 
@@ -39,7 +47,9 @@ def build(scene: Any, kind: str) -> None:  # noqa: ANN401
     scene.add_light(
         ffi.AMB_LIGHT_POINT, "lamp", color=rgb(100.0), position=rgb((1.5, 0.5, 4)), radius=0.0
     )
-    mesh = box((-1, -0.7, 0.2), (1, 0.7, 1.4)) if kind == "box" else raised(icosphere(5), 1.2)
+    mesh = raised(icosphere(5), 1.2)
+    if kind in HEIGHTS:
+        mesh = box((-1, -0.7, HEIGHTS[kind]), (1, 0.7, HEIGHTS[kind] + 1.2))
     add_body(scene, mesh, Medium(ior, 0.9 * sigma_t, 0.1 * sigma_t))
     add_floor(scene)
     look_down(scene, 6.0, 0.1)

@@ -16,8 +16,9 @@ enum {
  * with the square of the width, k/n, then fall alike, as n^(-1/3). By bench_glow.py. */
 static const double OVERLAP = 0.5;
 /* A kernel is no wider than the way that its light came without a turn: light from near by changes
- * within as much; but for this part of what the density says, so that no single photon shows. */
-static const float WIDTH_MIN = 0.1f;
+ * within as much. But for this part of what the density says, so that no photon is a dot: with a
+ * tenth, light below an object that all but touches the floor spread to where it is seen. */
+static const float WIDTH_MIN = 0.01f;
 /* Below this optical radius each flight casts a ray: few are far from the boundary. */
 static const float DEEP_RADIUS = 4.0f;
 /* Cubes of the grid of depths in a radius. */
