@@ -19,6 +19,7 @@ class RandomScene:
     """Fills the current, empty scene."""
 
     def __init__(self, number):
+        self.seed = number
         self.random = random.Random(number)
         self.scene = bpy.context.scene
         self.materials = []
@@ -254,6 +255,44 @@ class RandomScene:
         self.link(tree, glass.outputs[0], output.inputs["Surface"])
         if self.chance(0.9):
             self.shader(tree, output.inputs["Volume"], self.VOLUMES[:4])
+
+    def show_images(self):
+        """Images on opaque surfaces, by a stream of its own: scenes are otherwise what they were
+        without."""
+        self.random = random.Random(f"images {self.seed}")
+        for material in self.materials:
+            if material.node_tree is None or self.chance(0.7):
+                continue
+            tree = material.node_tree
+            tree.nodes.clear()
+            output = tree.nodes.new("ShaderNodeOutputMaterial")
+            kind = self.choice(("BsdfDiffuse", "BsdfDiffuse", "BsdfPrincipled", "Emission"))
+            surface = self.node(tree, f"ShaderNode{kind}")
+            self.link(tree, surface.outputs[0], output.inputs["Surface"])
+            picture = tree.nodes.new("ShaderNodeTexImage")
+            picture.image = self.image()
+            self.choose(picture, "interpolation", "extension")
+            if self.chance(0.1):
+                self.choose(picture, "projection")
+            self.link(tree, picture.outputs[0 if self.chance(0.9) else 1], surface.inputs[0])
+            if self.chance(0.7):
+                places = self.choice(("UVMap", "TexCoord"))
+                source = self.node(tree, f"ShaderNode{places}")
+                socket = source.outputs["UV"] if self.chance(0.8) else self.choice(source.outputs)
+                if self.chance(0.6):
+                    mapping = self.node(tree, "ShaderNodeMapping")
+                    self.choose(mapping, "vector_type")
+                    self.link(tree, socket, mapping.inputs["Vector"])
+                    socket = mapping.outputs[0]
+                self.link(tree, socket, picture.inputs["Vector"])
+        for thing in self.things:
+            layers = getattr(thing.data, "uv_layers", ())
+            for layer in layers:
+                if self.chance(0.2):
+                    for place in layer.data:
+                        place.uv = self.numbers(2, -3.0, 3.0)
+                if self.wild():
+                    layer.data.foreach_set("uv", [math.nan] * (2 * len(layer.data)))
 
     def image(self):
         if self.chance(0.1):
@@ -634,3 +673,4 @@ class RandomScene:
         if not self.wild():
             self.add_camera()
         self.settings()
+        self.show_images()
