@@ -39,7 +39,8 @@ typedef struct Probe {
     uint8_t *shows;   /* by block: PROBE_* of its pixel */
     uint8_t wanted;   /* pixels that show one of these are compared, or all if none does */
     uint32_t *counts; /* by block: samples of its pixel */
-    double small; /* an error of so much, in units of the mean radiance, need not be known well */
+    double small; /* an error of so much, in units of the mean radiance, need not be known well, and
+                   * a squared one to no better than its square */
     ProbePixel *levels[FIELD_LEVEL_MAX];
     uint32_t level_count;
     FieldDifferences differences; /* over the pixels that are compared */
