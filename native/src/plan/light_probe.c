@@ -16,6 +16,9 @@ static const double VEILED_PART = 0.25, TRAPPED_PART = 0.05;
  * by flux: 9 inside a bumpy sphere, where a first reflection by tubes takes four times what it
  * takes by points; 2 inside a ball and 1.6 in a cube, where it takes a half. */
 static const double STREWN_GROWTH = 4.0;
+/* As in the render (plan.c): else every reflection has as many beams as the first entry, up to one
+ * in a million of the light, and each gather goes through all of them. */
+static const float PROBE_ROULETTE = 0.05f;
 enum { PROBE_SAMPLES_PER_BEAM = 3, PROBE_PROBLEM_SHARE = 1000 };
 
 uint32_t bounce_step(uint32_t bounces) {
@@ -103,6 +106,7 @@ AmbStatus light_probe_create(const AmbScene *scene, const LightProbeParams *para
                                     .bounces = params->bounces,
                                     .follows_through = true,
                                     .adjoint_normals = params->adjoint_normals,
+                                    .roulette = PROBE_ROULETTE,
                                     .seed = params->seed};
     LightField light;
     AMB_TRY(light_trace(scene, &trace, job, &light));
