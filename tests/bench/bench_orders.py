@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "images"))
 
-from api import SINGLE, TUBES, _ffi, render  # noqa: E402
+from api import SINGLE, TUBES, _ffi, handles, library, render  # noqa: E402
 from bumpy import bumpy, stage_cpu  # noqa: E402
 from order_scenes import (  # noqa: E402
     DOUBLE,
@@ -53,6 +53,7 @@ SPEED_PATHS = 1.6e7
 SPEED_SIZE, SPEED_SAMPLES, SPEED_RUNS = 32, 2, 8
 # What the costs are stated for: each pixel of a picture to this relative error.
 PICTURE, PIXEL_ERROR = 128 * 128, 0.05
+COARSEST = 0.64  # of the full picture's errors
 
 
 def table(runs: int) -> None:
@@ -148,34 +149,62 @@ def speed() -> None:
         )
 
 
-def full(size: int, target: float) -> None:
+def planned_bounces(size: int, target: float) -> dict[str, int]:
+    """The internal reflections that AUTO follows for this target."""
+    with handles.Scene(library.load()) as scene:
+        bumpy()(scene)
+        scene.commit()
+        plan = scene.explain(
+            width=size, height=size, effects=SCATTERED, effects_are_auto=1, accuracy=target
+        )
+    counts = {effect["name"]: effect["count"] for effect in plan["effects"]}
+    return {
+        "light_bounces": counts["light-side internal reflection"],
+        "camera_bounces": counts["camera-side internal reflection"],
+    }
+
+
+def full(size: int, scatter: int, target: float, seconds: float) -> None:
     """All that scatters in the paper's bumpy sphere, with the internal reflections that show at
-    this error, and its first passes alone, both to this error of their own."""
-    cases: list[tuple[str, int, dict[str, int]]] = [
-        ("order 1, no reflections", SINGLE, {}),
-        ("all orders and reflections", SCATTERED, {"effects_are_auto": 1}),
-    ]
-    costs = []
-    print("| picture | stated | field, CPU s | camera, CPU s | all, CPU s |")
-    print("|---|---|---|---|---|")
-    for name, effects, settings in cases:
+    this error, and its first passes alone, both to this error of their own. The former from a
+    coarse error on, halved while the next one should come to an end within these CPU seconds. What
+    it takes to the target is more than the last one's light and, as noise falls with the root of
+    samples, the square of errors times its camera."""
+    bounces = planned_bounces(size, target)
+    print(f"{size} x {size}; reflections that show: {bounces}\n")
+    print("| picture | target | stated | noise | samples, mean, most | light, CPU s | camera |")
+    print("|---|---|---|---|---|---|---|")
+
+    def row(name: str, accuracy: float, **settings: int) -> tuple[float, float, float]:
         image = render(
             bumpy(),
             size,
             name="Combined",
-            effects=effects,
             adjoint_normals=1,
-            accuracy=target,
+            accuracy=accuracy,
             threads=1,
             **settings,
         )
-        costs.append(stage_cpu(image))
-        field, camera = (stage_cpu(image, [stage]) for stage in ("field", "camera"))
-        stated = image.report["accuracy"]["stated"]
+        known = image.report["accuracy"]
+        camera = stage_cpu(image, ["camera"])
+        others = stage_cpu(image) - camera
         print(
-            f"| {name} | {stated:.2%} | {field:.2f} | {camera:.2f} | {costs[-1]:.2f} |", flush=True
+            f"| {name} | {accuracy:.0%} | {known['stated']:.1%} | {known['noise']:.1%} "
+            f"| {known['samples_mean']:.0f}, {known['samples_max']} "
+            f"| {others:.2f} | {camera:.2f} |",
+            flush=True,
         )
-    print(f"\nratio {costs[1] / costs[0]:.1f} (bar 5)")
+        return known["stated"], others, camera
+
+    _, *first = row("order 1, no reflections", target, effects=SINGLE)
+    everything = {"effects": SCATTERED, "scatter_estimator": scatter, **bounces}
+    accuracy, costs = COARSEST, [0.0]
+    while accuracy >= target and (len(costs) < 3 or costs[-1] ** 2 / costs[-2] < seconds):
+        stated, others, camera = row("all orders and reflections", accuracy, **everything)
+        costs.append(others + camera)
+        accuracy /= 2
+    least = others + camera * max(stated / target, 1.0) ** 2
+    print(f"\nat {target:.0%} at least {least:.3g} CPU s, ratio {least / sum(first):.3g} (bar 5)")
 
 
 def noise(size: int, scatter: int, target: float) -> None:
@@ -243,7 +272,8 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=16, help="of the table and the flux")
     parser.add_argument("--size", type=int, default=64, help="of the full picture")
     parser.add_argument("--accuracy", type=float, default=0.02, help="of the full picture")
-    parser.add_argument("--photons", action="store_true", help="later orders of the noise by them")
+    parser.add_argument("--photons", action="store_true", help="later orders by them")
+    parser.add_argument("--seconds", type=float, default=300.0, help="CPU, of a full picture")
     options = parser.parse_args()
     if options.what == "table":
         table(options.runs)
@@ -254,7 +284,12 @@ def main() -> None:
     elif options.what == "noise":
         noise(options.size, PHOTONS if options.photons else WALK, options.accuracy)
     else:
-        full(options.size, options.accuracy)
+        full(
+            options.size,
+            PHOTONS if options.photons else WALK,
+            options.accuracy,
+            options.seconds,
+        )
 
 
 if __name__ == "__main__":
