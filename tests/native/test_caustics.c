@@ -71,7 +71,7 @@ static void tree_is_a_sum(void) {
             const Vec3 p = vec3(uniform(&state, -1, 1), uniform(&state, -1, 1), 0);
             const Vec3 n = vec3(0, 0, i % 7 == 0 ? -1.0f : 1.0f);
             const double expected = plain_sum(copy, count, p, n);
-            const double found = (double)caustic_tree_irradiance(&tree, p, n).g;
+            const double found = (double)caustic_tree_irradiance(&tree, p, n, 0.0f).g;
             worst = test_worse(worst, fabs(found - expected));
             most = fmax(most, expected);
         }
@@ -200,7 +200,7 @@ static void bounds_of_kernels_keep_the_flux(void) {
                 const float s = 2.2f * ((float)j + 0.5f) / EDGE - 1.1f;
                 const float t = 2.2f * ((float)k + 0.5f) / EDGE - 1.1f;
                 const Vec3 p = vec3_madd(vec3_scale(along, s), t, across);
-                sum += (double)caustic_tree_irradiance(&tree, p, vec3(0, 0, 1)).g;
+                sum += (double)caustic_tree_irradiance(&tree, p, vec3(0, 0, 1), 0.0f).g;
             }
         sum *= 2.2 * 2.2 * u * v / (double)(EDGE * EDGE);
         worst = test_worse(worst, fabs(sum / 2.0 - 1.0));
@@ -241,6 +241,54 @@ static void parts_add_up(void) {
     ENSURE(differ > 0.05 * all);
     caustics_destroy(parts);
     caustics_destroy(whole);
+    amb_scene_destroy(scene);
+}
+
+/* Places that are chosen and rays that meet them by chance bring all light between them: integrals
+ * over the square of the half edge b. */
+static void places_and_rays_share_the_light(void) {
+    enum { EDGE = 600, CHOICES = 200000 };
+    const double b = 1.0;
+    AmbScene *scene = ball_on_floor(0.05f);
+    Job job;
+    job_init(&job, 2);
+    CausticParams divided = params(20000);
+    divided.part_count = 2;
+    CausticMap *map = NULL;
+    ENSURE_STATUS(caustics_create(scene, &divided, &job, &map), AMB_OK);
+    const Vec3 n = vec3(0, 0, 1);
+    for (uint32_t part = 0; part <= 2; ++part) {
+        const float density = part == 0 ? 0.3f : 30.0f;
+        double all = 0.0, by_rays = 0.0, chosen = 0.0, square = 0.0;
+        for (int j = 0; j < EDGE; ++j)
+            for (int i = 0; i < EDGE; ++i) {
+                const double x = b * (2.0 * (i + 0.5) / EDGE - 1.0);
+                const double y = b * (2.0 * (j + 0.5) / EDGE - 1.0);
+                const Vec3 p = vec3((float)x, (float)y, 0.0f);
+                const double area = 4.0 * b * b / ((double)EDGE * EDGE);
+                all += area * (double)caustics_irradiance(map, p, n, part).g;
+                by_rays += area * (double)caustics_irradiance_by_rays(map, p, n, part, density).g;
+            }
+        uint64_t state = 7 + part;
+        for (int i = 0; i < CHOICES; ++i) {
+            const Sample2 choice = {uniform(&state, 0, 1), uniform(&state, 0, 1)};
+            const Sample2 place = {uniform(&state, 0, 1), uniform(&state, 0, 1)};
+            CausticPoint point;
+            ENSURE(caustics_choose(map, part, choice, place, &point));
+            ENSURE_NEAR(point.p.z, 0.0, 1e-5);
+            if (fabsf(point.p.x) > (float)b || fabsf(point.p.y) > (float)b)
+                continue;
+            const double one =
+                (double)(point.flux.g * point.density / (point.density + density)) / CHOICES;
+            chosen += one;
+            square += one * one;
+        }
+        ENSURE(by_rays > 0.02 * all && chosen > 0.02 * all);
+        ENSURE_NEAR((by_rays + chosen) / all, 1.0, 2e-3 + 4.0 * sqrt(square) / all);
+        ENSURE_NEAR(caustics_irradiance_by_rays(map, vec3(0, 0, 0), n, part, INFINITY).g,
+                    (double)caustics_irradiance(map, vec3(0, 0, 0), n, part).g, 0.0);
+    }
+    caustics_destroy(map);
     amb_scene_destroy(scene);
 }
 
@@ -537,6 +585,7 @@ void test_caustics(void) {
     RUN(flux_is_kept);
     RUN(bounds_of_kernels_keep_the_flux);
     RUN(parts_add_up);
+    RUN(places_and_rays_share_the_light);
     RUN(threads_do_not_matter);
     RUN(neighbours_are_the_nearest);
     RUN(all_that_scattered_lands);

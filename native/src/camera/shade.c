@@ -2,6 +2,7 @@
  * Opaque surfaces. */
 #include "camera/shade.h"
 
+#include "camera/caustic_lamp.h"
 #include "camera/scatter_walk.h"
 #include "camera/shadow.h"
 
@@ -69,9 +70,16 @@ typedef struct LightSum {
     Rgb lamps; /* meshes met */
 } LightSum;
 
+/* Who asks for a surface's light, and how. */
+typedef struct Asked {
+    float interreflected; /* weight of other opaque surfaces' light; 0: they are black */
+    float scattered;      /* of what scatters on the way that is asked for it */
+    bool meets_lamps;     /* other surfaces are not black, or are so by chance */
+    float density;        /* of caustics_irradiance_by_rays */
+} Asked;
+
 static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
-                          const MediumStack *stack, Rgb glow, float interreflected, float asks,
-                          bool meets_lamps);
+                          const MediumStack *stack, Rgb glow, Asked asked);
 
 /* Whether walks bring what scatters on its way to opaque surfaces: of all light, or, where that of
  * lamps is in the map of caustics, of the surroundings. */
@@ -181,6 +189,16 @@ static float goes_on(Walker *walker, Rgb albedo) {
     return survival > 0.0f && walker_random(walker) < survival ? 1.0f / survival : 0.0f;
 }
 
+/* With which the path was sent to the surface where it ends, 1/m^2; INFINITY: places of the map
+ * cannot be chosen for it. */
+static float path_density(const LightPath *path, const SurfacePoint *surface) {
+    const Vec3 way = vec3_sub(surface->p, path->from);
+    const float square = vec3_dot(way, way);
+    if (path->is_bent || !(square > 0.0f))
+        return INFINITY;
+    return path->pdf * fabsf(vec3_dot(path->d, surface->ng)) / square;
+}
+
 /* Light of the opaque surface where the path ends. */
 static void meet_surface(Walker *walker, const LightPath *path, const SurfacePoint *surface,
                          Rgb glow, LightSum *sum) {
@@ -190,8 +208,12 @@ static void meet_surface(Walker *walker, const LightPath *path, const SurfacePoi
     const LedgerEntry before =
         ledger_open(&walker->clock, way.returns ? LEDGER_RETURN : LEDGER_INTERREFLECTION);
     walker->way.effects |= way.returns ? 0u : AMB_EFFECT_INTERREFLECTION;
+    const Asked asked = {.interreflected = next,
+                         .scattered = next,
+                         .meets_lamps = true,
+                         .density = path_density(path, surface)};
     const DiffuseLight light =
-        shade(walker, surface, path->d, &path->stack, rgb_mul(weight, glow), next, next, true);
+        shade(walker, surface, path->d, &path->stack, rgb_mul(weight, glow), asked);
     walker->way = way;
     ledger_close(&walker->clock, before);
     sum->surfaces = rgb_mul(weight, rgb_add(light.radiance, light.interreflected));
@@ -299,31 +321,32 @@ static void add_glow(Walker *walker, const SurfacePoint *surface, Vec3 ng, Rgb w
     }
 }
 
-/* interreflected: weight of other opaque surfaces' light; 0: they are black. asks: weight of what
- * scatters on the way that is asked for it. meets_lamps: other surfaces are not black, or are so by
- * chance. */
 static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
-                          const MediumStack *stack, Rgb glow, float interreflected, float asks,
-                          bool meets_lamps) {
+                          const MediumStack *stack, Rgb glow, Asked asked) {
     const float side = vec3_dot(d, surface->ng) < 0.0f ? 1.0f : -1.0f;
     const Vec3 ng = vec3_scale(surface->ng, side);
     const Vec3 ns = vec3_scale(surface->ns, side);
     const Rgb albedo = scene_albedo(walker->scene, surface);
     const CausticMap *map = walker->params->caustics;
-    const Rgb straight = lamp_irradiance(walker, surface, stack, ng, ns, meets_lamps);
+    const Rgb straight = lamp_irradiance(walker, surface, stack, ng, ns, asked.meets_lamps);
     LedgerClock *clock = &walker->clock;
     LedgerEntry before = ledger_open(clock, LEDGER_CAUSTICS);
     const Rgb bent =
-        map != NULL ? caustics_irradiance(map, surface->p, ng, walker->part) : rgb(0, 0, 0);
+        map != NULL ? caustics_irradiance_by_rays(map, surface->p, ng, walker->part, asked.density)
+                    : rgb(0, 0, 0);
     ledger_close(clock, before);
     const Rgb lamps = rgb_scale(rgb_add(straight, bent), 1.0f / AMB_PI);
     before = walker->way.returns              ? ledger_open(clock, LEDGER_RETURN)
              : walker->params->shines_through ? ledger_open(clock, LEDGER_SURFACES)
-             : interreflected > 0.0f          ? ledger_open(clock, LEDGER_INTERREFLECTION)
+             : asked.interreflected > 0.0f    ? ledger_open(clock, LEDGER_INTERREFLECTION)
                                               : clock->entry;
     add_glow(walker, surface, ng, rgb_mul(glow, albedo));
-    const LightSum others = light_of_surroundings(walker, surface, stack, ng, ns,
-                                                  rgb_mul(glow, albedo), interreflected, asks);
+    LightSum others = light_of_surroundings(walker, surface, stack, ng, ns, rgb_mul(glow, albedo),
+                                            asked.interreflected, asked.scattered);
+    if (asked.interreflected > 0.0f && map != NULL)
+        others.surfaces =
+            rgb_add(others.surfaces, rgb_scale(caustics_elsewhere(walker, surface, stack, ng, ns),
+                                               asked.interreflected));
     ledger_close(clock, before);
     return (DiffuseLight){
         .radiance = rgb_madd(scene_chance_emission(walker->scene, surface), albedo,
@@ -338,7 +361,15 @@ DiffuseLight shade_diffuse(Walker *walker, const SurfacePoint *surface, Vec3 d,
                            const MediumStack *stack, Rgb glow, bool interreflects) {
     if (walker->scattered > 0 && interreflects) {
         const float next = goes_on(walker, scene_albedo(walker->scene, surface));
-        return shade(walker, surface, d, stack, glow, next, next, true);
+        return shade(walker, surface, d, stack, glow,
+                     (Asked){.interreflected = next,
+                             .scattered = next,
+                             .meets_lamps = true,
+                             .density = INFINITY});
     }
-    return shade(walker, surface, d, stack, glow, interreflects ? 1.0f : 0.0f, 1.0f, interreflects);
+    return shade(walker, surface, d, stack, glow,
+                 (Asked){.interreflected = interreflects ? 1.0f : 0.0f,
+                         .scattered = 1.0f,
+                         .meets_lamps = interreflects,
+                         .density = INFINITY});
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * Point sets and the maps from the unit square onto discs, caps and hemispheres. Every map keeps
- * area, so its pdf is the inverse of the target's measure. */
+ * Point sets and the maps from the unit square onto discs, caps and hemispheres. Every map but
+ * that onto a dome keeps area: its pdf is the inverse of the target's measure. */
 #ifndef AMB_MATH_SAMPLING_H
 #define AMB_MATH_SAMPLING_H
 
@@ -48,6 +48,11 @@ static inline float sample_fibonacci_rank(uint64_t i, float shift) {
 static inline Sample2 sample_disc(Sample2 s) {
     const float r = sqrtf(s.u), phi = 2.0f * AMB_PI * s.v;
     return (Sample2){r * cosf(phi), r * sinf(phi)};
+}
+
+/* Unit disc; pdf = 2/pi (1 - r^2) per unit area. */
+static inline Sample2 sample_dome(Sample2 s) {
+    return sample_disc((Sample2){1.0f - sqrtf(1.0f - s.u), s.v});
 }
 
 /* Cap of directions around +z whose 1 - cos(half-angle) is given, in (0, 2]; pdf = 1 / (2 pi

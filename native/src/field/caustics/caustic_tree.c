@@ -16,8 +16,6 @@ enum {
 /* Of the half-axes of photons that are divided by place. */
 static const float SIZE_RANGE = 4.0f;
 
-/* Photons of faces that turn away from each other more than this do not mix. */
-static const float NORMAL_COS_MIN = 0.5f;
 /* How far off its plane a photon counts, in half-axes: surfaces may bend. */
 static const float HEIGHT_MAX = 0.5f;
 
@@ -117,12 +115,22 @@ static void halve(const CausticTree *tree, const Task *task) {
 }
 
 /* Semi-axis vectors of the ellipse from the covectors u, v: the dual basis in the plane. */
-static CausticBox photon_box(const CausticPhoton *photon) {
+static void photon_axes(const CausticPhoton *photon, Vec3 *out_a, Vec3 *out_b) {
     const Vec3 n = photon->n;
     const float scale = 1.0f / vec3_dot(n, vec3_cross(photon->u, photon->v));
-    const Vec3 a = vec3_scale(vec3_cross(photon->v, n), scale);
-    const Vec3 b = vec3_scale(vec3_cross(n, photon->u), scale);
-    const float height = HEIGHT_MAX * sqrtf(fmaxf(vec3_dot(a, a), vec3_dot(b, b)));
+    *out_a = vec3_scale(vec3_cross(photon->v, n), scale);
+    *out_b = vec3_scale(vec3_cross(n, photon->u), scale);
+}
+
+static float photon_height(Vec3 a, Vec3 b) {
+    return HEIGHT_MAX * sqrtf(fmaxf(vec3_dot(a, a), vec3_dot(b, b)));
+}
+
+static CausticBox photon_box(const CausticPhoton *photon) {
+    Vec3 a, b;
+    photon_axes(photon, &a, &b);
+    const Vec3 n = photon->n;
+    const float height = photon_height(a, b);
     /* A little more: rounding must not cut a kernel's edge. */
     const Vec3 reach = vec3(1.0001f * sqrtf(a.x * a.x + b.x * b.x) + height * fabsf(n.x),
                             1.0001f * sqrtf(a.y * a.y + b.y * b.y) + height * fabsf(n.y),
@@ -205,18 +213,36 @@ static AmbStatus build_all(Builder *builder) {
     return AMB_OK;
 }
 
+static Rgb photon_flux(const CausticPhoton *photon) {
+    const float inverse = vec3_dot(photon->n, vec3_cross(photon->u, photon->v));
+    return rgb_scale(photon->peak, 0.5f * AMB_PI / fabsf(inverse));
+}
+
+static void sum_flux(CausticTree *tree) {
+    double sum = 0.0;
+    for (uint64_t block = 0; block < tree->block_count; ++block) {
+        tree->flux[block] = sum;
+        for (uint64_t i = block * LEAF; i < block_end(tree, block + 1); ++i)
+            sum += (double)rgb_mean(photon_flux(&tree->photons[i]));
+    }
+    tree->flux[tree->block_count] = sum;
+}
+
 AmbStatus caustic_tree_build(CausticPhoton *photons, uint64_t photon_count, Job *job,
                              CausticTree *out_tree) {
     *out_tree = (CausticTree){.photons = photons,
                               .photon_count = photon_count,
                               .block_count = (photon_count + LEAF - 1) / LEAF};
     out_tree->boxes = memory_alloc_array(2 * out_tree->block_count - 1, sizeof(CausticBox));
+    out_tree->flux = memory_alloc_array(out_tree->block_count + 1, sizeof *out_tree->flux);
     AmbStatus status = AMB_OK;
-    if (out_tree->boxes == NULL)
+    if (out_tree->boxes == NULL || out_tree->flux == NULL)
         status = status_fail(AMB_OUT_OF_MEMORY, "no memory for the tree of caustic photons");
     Builder builder = {.tree = out_tree, .job = job};
     if (status == AMB_OK)
         status = build_all(&builder);
+    if (status == AMB_OK)
+        sum_flux(out_tree);
     if (status != AMB_OK)
         caustic_tree_clear(out_tree);
     return status;
@@ -225,6 +251,7 @@ AmbStatus caustic_tree_build(CausticPhoton *photons, uint64_t photon_count, Job 
 void caustic_tree_clear(CausticTree *tree) {
     memory_free(tree->photons);
     memory_free(tree->boxes);
+    memory_free(tree->flux);
     *tree = (CausticTree){.photons = NULL};
 }
 
@@ -233,7 +260,7 @@ static bool is_inside(const CausticBox *box, Vec3 p) {
            p.z >= box->low.z && p.z <= box->high.z;
 }
 
-static Rgb block_irradiance(const CausticTree *tree, uint64_t block, Vec3 p, Vec3 n) {
+static Rgb block_irradiance(const CausticTree *tree, uint64_t block, Vec3 p, Vec3 n, float dimmed) {
     Rgb sum = rgb(0, 0, 0);
     const uint64_t end = block_end(tree, block + 1);
     for (uint64_t i = block * LEAF; i < end; ++i) {
@@ -241,18 +268,19 @@ static Rgb block_irradiance(const CausticTree *tree, uint64_t block, Vec3 p, Vec
         const Vec3 x = vec3_sub(p, photon->p);
         const float a = vec3_dot(x, photon->u), b = vec3_dot(x, photon->v);
         const float inside = 1.0f - a * a - b * b;
-        if (!(inside > 0.0f) || vec3_dot(n, photon->n) < NORMAL_COS_MIN)
+        if (!(inside > 0.0f) || vec3_dot(n, photon->n) < CAUSTIC_NORMAL_COS_MIN)
             continue;
         /* The longer half-axis is the shorter covector's. */
         const float height = vec3_dot(x, photon->n);
         const float inverse = fminf(vec3_dot(photon->u, photon->u), vec3_dot(photon->v, photon->v));
         if (height * height * inverse <= HEIGHT_MAX * HEIGHT_MAX)
-            sum = rgb_add(sum, rgb_scale(photon->peak, inside));
+            sum = rgb_add(
+                sum, rgb_scale(photon->peak, inside / (1.0f + dimmed * rgb_mean(photon->peak))));
     }
     return sum;
 }
 
-Rgb caustic_tree_irradiance(const CausticTree *tree, Vec3 p, Vec3 n) {
+Rgb caustic_tree_irradiance(const CausticTree *tree, Vec3 p, Vec3 n, float dimmed) {
     Rgb sum = rgb(0, 0, 0);
     Task waiting[DEPTH_MAX];
     uint32_t waiting_count = 1;
@@ -262,11 +290,45 @@ Rgb caustic_tree_irradiance(const CausticTree *tree, Vec3 p, Vec3 n) {
         if (!is_inside(&tree->boxes[task.node], p))
             continue;
         if (task.count == 1) {
-            sum = rgb_add(sum, block_irradiance(tree, task.first, p, n));
+            sum = rgb_add(sum, block_irradiance(tree, task.first, p, n, dimmed));
             continue;
         }
         waiting[waiting_count++] = right_task(&task);
         waiting[waiting_count++] = left_task(&task);
     }
     return sum;
+}
+
+/* The last block whose photons begin no later. */
+static uint64_t find_block(const CausticTree *tree, double flux) {
+    uint64_t low = 0, high = tree->block_count;
+    while (high - low > 1) {
+        const uint64_t middle = low + (high - low) / 2;
+        if (tree->flux[middle] <= flux)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+CausticPoint caustic_tree_choose(const CausticTree *tree, double flux, Sample2 place) {
+    const uint64_t block = find_block(tree, flux);
+    const uint64_t end = block_end(tree, block + 1);
+    uint64_t i = block * LEAF;
+    double sum = tree->flux[block];
+    Rgb of_photon = photon_flux(&tree->photons[i]);
+    while (flux >= (sum += (double)rgb_mean(of_photon)) && i + 1 < end)
+        of_photon = photon_flux(&tree->photons[++i]);
+    const CausticPhoton *photon = &tree->photons[i];
+    Vec3 a, b;
+    photon_axes(photon, &a, &b);
+    const Sample2 s = sample_dome(place);
+    const float mean = rgb_mean(of_photon);
+    const float weight = mean > 0.0f ? (float)(caustic_tree_flux(tree) / (double)mean) : 0.0f;
+    return (CausticPoint){.p = vec3_madd(vec3_madd(photon->p, s.u, a), s.v, b),
+                          .n = photon->n,
+                          .height = photon_height(a, b),
+                          .flux = rgb_scale(of_photon, weight),
+                          .density = rgb_mean(photon->peak)};
 }

@@ -4,7 +4,10 @@
 #define AMB_FIELD_CAUSTICS_CAUSTIC_TREE_H
 
 #include "base/parallel.h"
-#include "math/vec3.h"
+#include "math/sampling.h"
+
+/* Photons on faces that turn away from one another more than this do not mix. */
+#define CAUSTIC_NORMAL_COS_MIN 0.5f
 
 /* Flux on an opaque surface, spread over an ellipse: with x the offset from p, r = |(u.x, v.x)|,
  * its irradiance is peak (1 - r^2) where r < 1. */
@@ -23,6 +26,7 @@ typedef struct CausticBox {
 typedef struct CausticTree {
     CausticPhoton *photons;
     CausticBox *boxes; /* by node, 2 * blocks - 1 */
+    double *flux;      /* of the blocks before each, and of all: blocks + 1; mean of channels, W */
     uint64_t photon_count, block_count;
 } CausticTree;
 
@@ -34,7 +38,25 @@ AmbStatus caustic_tree_build(CausticPhoton *photons, uint64_t photon_count, Job 
                              CausticTree *out_tree);
 void caustic_tree_clear(CausticTree *tree);
 
-/* Sum of irradiance at a point of a surface with unit normal n on the side that is asked for. */
-Rgb caustic_tree_irradiance(const CausticTree *tree, Vec3 p, Vec3 n);
+/* Sum of irradiance at a point of a surface with unit normal n on the side that is asked for. Of
+ * each photon it is 1 / (1 + peak dimmed), peak the mean of its channels; dimmed 0: all, m^2/W. */
+Rgb caustic_tree_irradiance(const CausticTree *tree, Vec3 p, Vec3 n, float dimmed);
+
+/* A place that a photon lights. */
+typedef struct CausticPoint {
+    Vec3 p, n;     /* on the photon's plane, and its normal */
+    float height;  /* how far above and below it surfaces are lit, m */
+    Rgb flux;      /* the photon's over the chance that it is chosen, W */
+    float density; /* with which photons are chosen around, about: 1/m^2. Of the tree alone: the
+                    * photon's peak, mean of channels, W/m^2 */
+} CausticPoint;
+
+static inline double caustic_tree_flux(const CausticTree *tree) {
+    return tree->photon_count > 0 ? tree->flux[tree->block_count] : 0.0;
+}
+
+/* The photon that `flux` is of, from 0 to all of the tree, and a place in proportion to its
+ * irradiance. */
+CausticPoint caustic_tree_choose(const CausticTree *tree, double flux, Sample2 place);
 
 #endif

@@ -2,6 +2,7 @@
  * From landings of light to kernels. */
 #include "field/caustics/caustics.h"
 
+#include <float.h>
 #include <string.h>
 
 #include "base/memory.h"
@@ -26,6 +27,7 @@ struct CausticMap {
     CausticTree trees[CAUSTIC_PART_MAX]; /* no photons: empty */
     CausticTree glow[GLOW_ORDER_COUNT][CAUSTIC_PART_MAX];
     uint32_t part_count;
+    float density_scale; /* over peaks, 1/W: see CausticPoint */
     CausticAccount account;
 };
 
@@ -116,11 +118,23 @@ static double typical_area(const LightField *light) {
 
 static void account_tree(const CausticTree *tree, CausticMap *map) {
     map->account.bytes += tree->photon_count * sizeof(CausticPhoton) +
-                          (2 * tree->block_count - 1) * sizeof(CausticBox);
+                          (2 * tree->block_count - 1) * sizeof(CausticBox) +
+                          (tree->block_count + 1) * sizeof *tree->flux;
 }
 
 static uint32_t part_of(const CausticMap *map, float rank) {
     return (uint32_t)(rank * (float)map->part_count);
+}
+
+static bool has_part(const CausticMap *map, uint32_t part, uint32_t k) {
+    return part == 0 || map->part_count == 1 || part == k + 1;
+}
+
+static double parts_flux(const CausticMap *map, uint32_t part) {
+    double sum = 0.0;
+    for (uint32_t k = 0; k < map->part_count; ++k)
+        sum += has_part(map, part, k) ? caustic_tree_flux(&map->trees[k]) : 0.0;
+    return sum;
 }
 
 /* The map's part of the photons. */
@@ -165,6 +179,9 @@ static AmbStatus build(const LightField *light, const CausticParams *params, Job
                            .axis = sqrtf(params->overlap * (float)area / AMB_PI)};
     for (uint32_t k = 0; k < map->part_count; ++k)
         AMB_TRY(build_part(light, &placement, k, job, map));
+    /* As many kernels as overlap, at half of their peaks, are about the irradiance around. */
+    const double flux = parts_flux(map, 0);
+    map->density_scale = flux > 0.0 ? (float)(0.5 * (double)params->overlap / flux) : 0.0f;
     return AMB_OK;
 }
 
@@ -276,23 +293,56 @@ void caustics_destroy(CausticMap *map) {
     memory_free(map);
 }
 
-static Rgb sum_parts(const CausticTree *trees, uint32_t part_count, Vec3 p, Vec3 n, uint32_t part) {
+static Rgb sum_parts(const CausticTree *trees, uint32_t part_count, Vec3 p, Vec3 n, uint32_t part,
+                     float dimmed) {
     const bool is_part = part > 0 && part_count > 1;
     Rgb sum = rgb(0, 0, 0);
     for (uint32_t k = 0; k < part_count; ++k)
         if (trees[k].photon_count > 0 && (!is_part || part == k + 1))
-            sum = rgb_add(sum, caustic_tree_irradiance(&trees[k], p, n));
+            sum = rgb_add(sum, caustic_tree_irradiance(&trees[k], p, n, dimmed));
     return is_part ? rgb_scale(sum, (float)part_count) : sum;
 }
 
 Rgb caustics_irradiance(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part) {
-    return sum_parts(map->trees, map->part_count, p, n, part);
+    return sum_parts(map->trees, map->part_count, p, n, part, 0.0f);
+}
+
+Rgb caustics_irradiance_by_rays(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part,
+                                float density) {
+    if (!(density > 0.0f))
+        return rgb(0, 0, 0);
+    const float dimmed = fminf(map->density_scale / density, FLT_MAX);
+    return sum_parts(map->trees, map->part_count, p, n, part, dimmed);
+}
+
+bool caustics_choose(const CausticMap *map, uint32_t part, Sample2 choice, Sample2 place,
+                     CausticPoint *out_point) {
+    const double all = parts_flux(map, part);
+    if (!(all > 0.0))
+        return false;
+    double left = ((double)choice.u + (double)choice.v * 0x1p-24) * all;
+    const CausticTree *tree = NULL;
+    for (uint32_t k = 0; k < map->part_count; ++k) {
+        const double flux = caustic_tree_flux(&map->trees[k]);
+        if (!has_part(map, part, k) || !(flux > 0.0))
+            continue;
+        tree = &map->trees[k];
+        if (left < flux)
+            break;
+        left -= flux;
+    }
+    *out_point = caustic_tree_choose(tree, left, place);
+    const double times = part > 0 ? (double)map->part_count : 1.0;
+    const float chance = (float)(caustic_tree_flux(tree) / (times * all));
+    out_point->flux = rgb_scale(out_point->flux, 1.0f / chance);
+    out_point->density *= map->density_scale;
+    return true;
 }
 
 CausticGlow caustics_glow(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part) {
     CausticGlow glow;
     for (uint32_t i = 0; i < GLOW_ORDER_COUNT; ++i)
-        glow.orders[i] = sum_parts(map->glow[i], map->part_count, p, n, part);
+        glow.orders[i] = sum_parts(map->glow[i], map->part_count, p, n, part, 0.0f);
     return glow;
 }
 

@@ -38,6 +38,17 @@ void caustics_destroy(CausticMap *map);
  * equal indices is not in it. part: as FieldSegment's. Any thread. */
 Rgb caustics_irradiance(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part);
 
+/* The map as a lamp. A photon is chosen in proportion to its flux, and a place in proportion to its
+ * irradiance; false: there is none. `choice` is one number, of two that are coarser. Any thread. */
+bool caustics_choose(const CausticMap *map, uint32_t part, Sample2 choice, Sample2 place,
+                     CausticPoint *out_point);
+
+/* Places may be found by rays, too, which are sent there with some density, 1/m^2 of the surface's
+ * area: of each photon's irradiance the share of these, density / (density + a CausticPoint's);
+ * INFINITY: all of it. */
+Rgb caustics_irradiance_by_rays(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part,
+                                float density);
+
 /* The same of light that scattered on its way, by order. */
 typedef struct CausticGlow {
     Rgb orders[GLOW_ORDER_COUNT];
