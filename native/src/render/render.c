@@ -393,6 +393,7 @@ AmbStatus render_probe(AmbRender *render, Probe *probe, const Field *const field
     for (int i = 0; i < 2; ++i) {
         cameras[i].scatter = scatters[i];
         cameras[i].ledger = NULL;
+        cameras[i].part_count = 1; /* all of a field is what is compared */
         sights[i] =
             (ProbeSight){render->scene, fields[i], &cameras[i], render->crop_x, render->crop_y};
     }
