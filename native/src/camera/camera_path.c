@@ -166,7 +166,7 @@ static void follow_boundary(Walker *walker, const Branch *branch,
     const float reflectance = crossing->split.reflectance;
 
     const bool wants_refraction = !leaves || (effects & AMB_EFFECT_BACKGROUND) != 0;
-    if (crossing->can_refract && wants_refraction) {
+    if (reflectance < 1.0f && wants_refraction) {
         /* Radiance grows by n^2 on entering a denser medium; looking backwards, the branch's
          * throughput takes (n here / n beyond)^2 ([Veach97] 5.2). */
         const float weight = (1.0f - reflectance) * crossing->eta * crossing->eta;
@@ -175,20 +175,19 @@ static void follow_boundary(Walker *walker, const Branch *branch,
         CameraWay way = branch->way;
         way.object = surface->object;
         way.effects |= leaves ? AMB_EFFECT_BACKGROUND : 0u;
-        follow_next(walker, branch, surface, crossing->split.refracted, &crossing->beyond,
-                    throughput, way);
+        follow_next(walker, branch, surface, crossing->refracted, &crossing->beyond, throughput,
+                    way);
     }
     const bool wants_reflection = is_outside ? (effects & AMB_EFFECT_SURFACE_REFLECTION) != 0
                                              : branch->way.bounces < walker->params->bounces;
-    if (crossing->can_reflect && wants_reflection) {
+    if (reflectance > 0.0f && wants_reflection) {
         const Rgb throughput =
             rgb_mul(rgb_scale(branch->throughput, reflectance), material->reflect_color);
         CameraWay way = branch->way;
         way.object = surface->object;
         way.effects |= is_outside ? AMB_EFFECT_SURFACE_REFLECTION : 0u;
         way.bounces += is_outside ? 0u : 1u;
-        follow_next(walker, branch, surface, crossing->split.reflected, &branch->stack, throughput,
-                    way);
+        follow_next(walker, branch, surface, crossing->reflected, &branch->stack, throughput, way);
     }
 }
 

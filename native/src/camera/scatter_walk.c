@@ -137,10 +137,9 @@ static Choice weigh_boundary(const Walk *walk, const Target *target, Rgb transmi
     const BoundaryCrossing *crossing = &target->crossing;
     const SceneMaterial *material = target->surface.material;
     const float reflectance = crossing->split.reflectance;
-    if (crossing->can_reflect)
-        choice.reflect =
-            reflectance * weigh(walk->throughput, rgb_mul(transmittance, material->reflect_color));
-    if (crossing->can_refract && walk->is_its_own) {
+    choice.reflect =
+        reflectance * weigh(walk->throughput, rgb_mul(transmittance, material->reflect_color));
+    if (walk->is_its_own) {
         choice.pass = (1.0f - reflectance) * crossing->eta * crossing->eta *
                       weigh(walk->throughput, rgb_mul(transmittance, material->transmit_color));
         const AmbScene *scene = walk->walker->scene;
@@ -235,7 +234,7 @@ static void reflect(Walk *walk, const Target *target, float probability) {
     const float weight = target->crossing.split.reflectance / probability;
     walk->throughput =
         rgb_scale(rgb_mul(walk->throughput, target->surface.material->reflect_color), weight);
-    walk->d = target->crossing.split.reflected;
+    walk->d = target->crossing.reflected;
     const CameraParams *params = walk->walker->params;
     if (walk->stack.count == 0)
         walk->is_seen &= (params->effects & AMB_EFFECT_SURFACE_REFLECTION) != 0;
@@ -253,7 +252,7 @@ static void pass(Walk *walk, const Target *target, float probability) {
         (1.0f - crossing->split.reflectance) * crossing->eta * crossing->eta / probability;
     walk->throughput =
         rgb_scale(rgb_mul(walk->throughput, target->surface.material->transmit_color), weight);
-    walk->d = crossing->split.refracted;
+    walk->d = crossing->refracted;
     walk->stack = crossing->beyond;
     if (walk->stack.count == 0)
         walk->is_seen &= (walk->walker->params->effects & AMB_EFFECT_BACKGROUND) != 0;

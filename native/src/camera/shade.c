@@ -149,27 +149,22 @@ static void pass_medium(Walker *walker, LightPath *path, float length, Rgb glow)
     path->weight = rgb_mul(path->weight, medium_transmittance(medium, length));
 }
 
-/* One of the two branches by chance, and all reflections. False: neither goes on. */
-static bool pass_boundary(Walker *walker, LightPath *path, const BoundaryCrossing *crossing) {
+/* One of the two branches by chance, and all reflections. */
+static void pass_boundary(Walker *walker, LightPath *path, const BoundaryCrossing *crossing) {
     const SceneMaterial *material = crossing->surface.material;
     path->is_bent |= crossing->eta != 1.0f;
     if (walker_random(walker) < crossing->split.reflectance) {
-        if (!crossing->can_reflect)
-            return false;
         path->weight = rgb_mul(path->weight, material->reflect_color);
-        path->d = crossing->split.reflected;
+        path->d = crossing->reflected;
         path->bounces += path->stack.count > 0 ? 1 : 0;
     } else {
-        if (!crossing->can_refract)
-            return false;
         /* See follow_boundary in camera_path.c. */
         path->weight = rgb_mul(rgb_scale(path->weight, crossing->eta * crossing->eta),
                                material->transmit_color);
-        path->d = crossing->split.refracted;
+        path->d = crossing->refracted;
         path->stack = crossing->beyond;
     }
     path->o = scene_leave(&crossing->surface, path->d);
-    return true;
 }
 
 static bool survives(Walker *walker, LightPath *path) {
@@ -249,8 +244,10 @@ static LightSum follow_light(Walker *walker, LightPath path, Rgb glow) {
                 meet_surface(walker, &path, &arrival.crossing.surface, glow, &sum);
             break;
         }
-        if (!walker->params->shines_through || !pass_boundary(walker, &path, &arrival.crossing) ||
-            !survives(walker, &path))
+        if (!walker->params->shines_through)
+            break;
+        pass_boundary(walker, &path, &arrival.crossing);
+        if (!survives(walker, &path))
             break;
     }
     return sum;

@@ -161,6 +161,15 @@ static float adjoint_factor(Vec3 d, Vec3 wt, Vec3 ns, Vec3 ng) {
     return below > 0.0f ? above / below : 0.0f;
 }
 
+/* How far a direction that is laid into a face points off it, so that it keeps to its side. */
+static const float LAID_COSINE = 1e-3f;
+
+/* The direction nearest to d on the side of the unit normal. */
+static Vec3 keep_side(Vec3 d, Vec3 normal) {
+    const float cosine = vec3_dot(d, normal);
+    return cosine > 0.0f ? d : vec3_normalize(vec3_madd(d, LAID_COSINE - cosine, normal));
+}
+
 /* Media behind all faces of the set: what is left goes first, so that the order among them does
  * not matter. */
 static void stack_cross(const AmbScene *scene, const FaceSet *set, BoundaryCrossing *crossing) {
@@ -222,6 +231,8 @@ BoundaryCrossing boundary_cross(const AmbScene *scene, const MediumStack *stack,
         crossing.split.reflectance < 1.0f && vec3_dot(crossing.split.refracted, ng) < 0.0f;
     crossing.can_reflect =
         crossing.split.reflectance > 0.0f && vec3_dot(crossing.split.reflected, ng) > 0.0f;
+    crossing.refracted = keep_side(crossing.split.refracted, vec3_scale(ng, -1.0f));
+    crossing.reflected = keep_side(crossing.split.reflected, ng);
     crossing.adjoint_refract = adjoint_factor(d, crossing.split.refracted, crossing.n, ng);
     crossing.adjoint_reflect = adjoint_factor(d, crossing.split.reflected, crossing.n, ng);
     return crossing;

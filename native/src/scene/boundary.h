@@ -44,12 +44,15 @@ typedef struct BoundaryCrossing {
     bool is_opaque;   /* an opaque face lies on the boundary: the path ends at `surface`, which is
                        * that face's, and what follows but `beyond` is not set */
     bool is_entering; /* from the side of the outward normal of `surface` */
-    bool can_refract; /* false: total reflection, or a direction on the wrong side of the face */
-    bool can_reflect;
+    bool can_refract; /* false: total reflection, or a direction on the wrong side of the face, */
+    bool can_reflect; /* where light has no path: Veach's correction vanishes towards it */
     MediumStack beyond; /* media after refraction, or after passing */
     float eta;          /* n here / n beyond */
     Vec3 n;             /* unit shading normal on the incident side */
     DielectricSplit split;
+    /* Its directions, but laid into the face where n turns them to the wrong side of it: for paths
+     * that carry radiance. Ended there, they would leave rims of coarse smooth meshes dark. */
+    Vec3 refracted, reflected;
     float adjoint_refract; /* Veach's correction for shading normals when light is traced, */
     float adjoint_reflect; /* |wo.Ns| |wt.Ng| / (|wo.Ng| |wt.Ns|)  [Veach97] 5.3.2 */
     /* Where faces of several objects lie on one another: the one of the object whose medium begins

@@ -380,7 +380,7 @@ static bool meet(Walker *walker, const Hit *hit) {
     const DielectricSplit *split = &crossing.split;
     const bool is_adjoint = params->adjoint_normals && walker->order == 0;
     /* Light from outside enters by its transmittance; inside, and once it has scattered, one of
-     * both ways is drawn. Where interpolated normals forbid one of them, the other takes all. */
+     * both ways is drawn. Where Veach's correction leaves no light to refract, all is reflected. */
     bool is_refracted = true;
     float weight = 1.0f;
     if (is_outside && walker->order == 0 && !walker->has_turned) {
@@ -390,20 +390,16 @@ static bool meet(Walker *walker, const Hit *hit) {
             return false;
         weight = 1.0f - split->reflectance;
     } else {
-        is_refracted = crossing.can_refract && next_random(walker) >= split->reflectance;
+        const bool can_refract = is_adjoint ? crossing.can_refract : split->reflectance < 1.0f;
+        is_refracted = can_refract && next_random(walker) >= split->reflectance;
     }
     if (is_refracted) {
-        walker->d = split->refracted;
+        walker->d = crossing.refracted;
         walker->flux = rgb_mul(walker->flux, crossing.surface.material->transmit_color);
         if (is_adjoint)
             weight *= crossing.adjoint_refract;
     } else {
-        const float side = crossing.is_entering ? 1.0f : -1.0f;
-        const Vec3 ng = vec3_scale(crossing.surface.ng, side);
-        if (crossing.can_reflect || vec3_dot(split->reflected, ng) > 0.0f)
-            walker->d = split->reflected;
-        else
-            walker->d = vec3_madd(walker->d, -2.0f * vec3_dot(walker->d, ng), ng);
+        walker->d = crossing.reflected;
         walker->flux = rgb_mul(walker->flux, crossing.surface.material->reflect_color);
         if (is_adjoint)
             weight *= crossing.adjoint_reflect;
