@@ -140,7 +140,8 @@ static Choice weigh_boundary(const Walk *walk, const Target *target, Rgb transmi
     choice.reflect =
         reflectance * weigh(walk->throughput, rgb_mul(transmittance, material->reflect_color));
     if (walk->is_its_own) {
-        choice.pass = (1.0f - reflectance) * crossing->eta * crossing->eta *
+        /* Without the eta^2 of pass(): what is to be seen in the denser medium is as much more. */
+        choice.pass = (1.0f - reflectance) *
                       weigh(walk->throughput, rgb_mul(transmittance, material->transmit_color));
         const AmbScene *scene = walk->walker->scene;
         const bool is_dark = crossing->beyond.count == 0 && scene->object_count == 1 &&
