@@ -57,9 +57,8 @@ enum {
     LIGHT_RAYS_MIN = 1024,
     LIGHT_RAYS_MAX = 4096,
     SAMPLES_PER_LIGHT_RAY = 16,
-    PROBES_MIN = 64,    /* at a time */
-    PROBES_CLEAR = 128, /* where a share is not clear and nothing scatters, */
-    PROBES_FEW = 256,   /* and where walks are noisy, however small the render */
+    PROBES_MIN = 64,  /* at a time */
+    PROBES_FEW = 256, /* where a share is not clear, however small the render */
     PROBES_MAX = 1024,
     SAMPLES_PER_PROBE = 64,
     SAMPLES_OF_TARGET = 8, /* of a pixel, where a target decides */
@@ -320,12 +319,12 @@ static AmbStatus decide_by_shares(const AmbScene *scene, const AmbRenderParams *
     AmbStatus status = AMB_OK;
     if (view.visible_count > 0) {
         status = effect_shares_create(scene, &shares);
-        const uint64_t few = is_clear ? PROBES_CLEAR : PROBES_FEW;
-        const uint64_t probes = clamp_count(samples / SAMPLES_PER_PROBE, few, PROBES_MAX);
+        const uint64_t probes = clamp_count(samples / SAMPLES_PER_PROBE, PROBES_FEW, PROBES_MAX);
         /* What only a few pixels show many times reflected, few probes miss; where nothing scatters
          * those that cost next to nothing are not saved. */
         const uint64_t least =
-            is_clear ? clamp_count(samples / SAMPLES_PER_PROBE, PROBES_MIN, few) : PROBES_MIN;
+            is_clear ? clamp_count(samples / SAMPLES_PER_PROBE, PROBES_MIN, PROBES_FEW)
+                     : PROBES_MIN;
         if (status == AMB_OK)
             status = measure(scene, params, &view, light, least, probes, job, &shares, plan);
         if (status == AMB_OK) {
