@@ -342,7 +342,7 @@ def scattered_flux(
             "effects": SCATTERED,
             "estimator": _ffi.AMB_ESTIMATOR_POINTS_COVARIANCE,
             "scatter_estimator": WALK,
-            "light_samples": 2**13,
+            "light_samples": 2**15,
             "kernel_size": 1.0,
             "light_bounces": 12,
             "camera_bounces": 64,

@@ -21,10 +21,11 @@ EVERYTHING = (
 BALL = icosphere(3)
 
 
-def furnace(method: str, radius: float, g: float, ior: float) -> float:
+def furnace(method: str, radius: float, g: float, ior: float, mesh: Mesh = BALL) -> float:
     """A ball of albedo 1 in a uniform world of radiance 1 cannot be seen."""
     sigma = (radius, 0.5 * radius, 2 * radius)
-    setup = Setup((Body(BALL, ior, sigma, 0.0, g),), (), Camera((0.1, 0.2, 5), window=1.0), size=4)
+    camera = Camera((0.1, 0.2, 5), window=1.0 if mesh is BALL else 2.2)
+    setup = Setup((Body(mesh, ior, sigma, 0.0, g),), (), camera, size=4)
 
     def build(scene: object) -> None:
         setup.build(scene)
@@ -140,7 +141,7 @@ CASES = [
         Case(
             f"furnace, radius {r:g}, g = {g:g}, ior {n:.8g}",
             FURNACE,
-            5e-2,
+            2e-2,
             lambda m, r=r, g=g, n=n: furnace(m, r, g, n),
             ORDERS,
             bound_points=0.1,
@@ -155,7 +156,19 @@ CASES = [
             (10.0, 0.999, 1.3),
             (1.0, 0.0, 0.8),
             (1.0, 0.0, 1 + 2**-23),
+            (1.0, 0.0, 2.4),
         )
+    ),
+    *(
+        Case(
+            f"furnace, smooth ball of {20 * 4**k} faces, ior 1.5",
+            FURNACE,
+            5e-3,
+            lambda m, k=k: furnace(m, 1.0, 0.0, 1.5, icosphere(k)),
+            ORDERS,
+            bound_points=0.1,
+        )
+        for k in (0, 1)
     ),
     *(
         Case(
