@@ -27,6 +27,7 @@ from api import (
 )
 from api import _ffi as ffi
 from meshes import Mesh, box, icosphere
+from order_scenes import SCATTERED, SEEN, WORLD
 from test_light_paths import moved, scene_of
 
 THROUGH = SINGLE | ffi.AMB_EFFECT_TRANSMITTED_LIGHT
@@ -168,6 +169,34 @@ def test_a_bubble_in_resin_is_a_hole() -> None:
     filled = (add_dielectric, (moved(BALL, 0.5, (0.1, 0.07, 0)), Medium(1.0, 0, 0), -1))
     value = seen(world, DOWN, block, filled, effects=BACKGROUND)
     assert value == pytest.approx(np.exp(-0.8), rel=1e-5)
+
+
+@pytest.mark.parametrize("highest", [0, 1, 2])
+def test_media_that_reach_into_one_another_vanish(highest: int) -> None:
+    """Ice that floats in a liquid in a glass, all of them white, in an even world. Walks begin
+    where a segment does, before they come to what lies in the medium of the higher priority."""
+    parts = [
+        (add_dielectric, (moved(BALL, 0.5, (0.0, 0.0, 0.2)), Medium(1.31, 1.0, 0, 0.3), 2)),
+        (add_dielectric, (box((-0.7, -0.7, -0.9), (0.7, 0.7, 0.3)), Medium(1.36, 0.4, 0), 0)),
+        (add_dielectric, (box((-0.8, -0.8, -1), (0.8, 0.8, -0.8)), Medium(1.5, 0.2, 0), 1)),
+    ]
+    down = (set_orthographic, ((0.3, 0.2, 9), (-0.02, 0.01, -1), (0, 1, 0), 1.2))
+    for estimator in (ffi.AMB_SCATTER_WALK, ffi.AMB_SCATTER_PHOTONS):
+        image = render(
+            scene_of((set_world, (1.0,)), down, *parts[highest:], *parts[:highest]),
+            8,
+            "Combined",
+            effects=SCATTERED | WORLD | SEEN,
+            film_transparent=0,
+            scatter_estimator=estimator,
+            camera_bounces=32,
+            light_samples=2**16,
+            samples=256,
+        )
+        assert image.report["warnings"] == []
+        is_walk = estimator == ffi.AMB_SCATTER_WALK
+        value = float(image.pixels.astype(np.float64).mean())
+        assert value == pytest.approx(1, abs=1e-3 if is_walk else 2e-2)
 
 
 def test_a_camera_in_the_inner_medium() -> None:

@@ -244,8 +244,8 @@ static void follow_arrival(Walker *walker, Branch branch) {
     const AmbScene *scene = walker->scene;
     const bool is_inside = branch.stack.count > 0;
     BoundaryArrival arrival;
-    const bool is_hit =
-        boundary_find(scene, &branch.stack, branch.o, branch.d, branch.t_max, &arrival);
+    MediumStack end = branch.stack;
+    const bool is_hit = boundary_find(scene, &end, branch.o, branch.d, branch.t_max, &arrival);
     see_lamps(walker, &branch, is_hit ? arrival.t : branch.t_max);
     if (is_inside) {
         const float length = is_hit ? arrival.t : fminf(branch.t_max, scene_end(scene, branch.o));
@@ -253,6 +253,7 @@ static void follow_arrival(Walker *walker, Branch branch) {
             scene_leaks_add(&walker->out->leaks, 1, medium_stack_top(&branch.stack));
         pass_medium(walker, &branch, length);
     }
+    branch.stack = end;
     CameraSample *out = walker->out;
     if (!is_hit) {
         const bool is_seen_directly = branch.depth == 0;

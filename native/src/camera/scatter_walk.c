@@ -437,7 +437,7 @@ static void see_surface(const Walk *walk, const Target *target, Rgb transmittanc
     walker->scattered = walk->order;
     walker->way.returns = returns > 0.0f;
     const DiffuseLight seen =
-        shade_diffuse(walker, &target->surface, walk->d, &walk->stack, glow, returns > 0.0f);
+        shade_diffuse(walker, &target->surface, walk->d, &target->stack, glow, returns > 0.0f);
     walker->scattered = scattered;
     walker->way = way;
     add_surroundings(walk, rgb_mul(transmittance, seen.radiance));

@@ -225,7 +225,8 @@ static LightSum follow_light(Walker *walker, LightPath path, Rgb glow) {
     LightSum sum = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
     for (int depth = 0; depth < DEPTH_MAX; ++depth) {
         BoundaryArrival arrival;
-        const bool is_hit = boundary_find(scene, &path.stack, path.o, path.d, INFINITY, &arrival);
+        MediumStack end = path.stack;
+        const bool is_hit = boundary_find(scene, &end, path.o, path.d, INFINITY, &arrival);
         if (path.stack.count > 0) {
             if (!is_hit)
                 scene_leaks_add(&walker->out->leaks, 1, medium_stack_top(&path.stack));
@@ -234,6 +235,7 @@ static LightSum follow_light(Walker *walker, LightPath path, Rgb glow) {
             if (!(rgb_max(path.weight) > 0.0f))
                 break;
         }
+        path.stack = end;
         if (!is_hit) {
             const Rgb radiance = world_radiance_but_lamps(&scene->world, path.d);
             sum.world = rgb_mul(rgb_scale(path.weight, path.share), radiance);
