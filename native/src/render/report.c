@@ -371,10 +371,20 @@ static void warn(Warnings *warnings, const char *name, const char *what, uint64_
     warnings->has_one = true;
 }
 
+/* Under a target they are what was needed, on average. */
+static uint32_t used_samples(const AmbRender *render) {
+    const bool is_target = render->accuracy.target > 0.0f;
+    return is_target ? (uint32_t)lround(render->accuracy.samples_mean) : render->params.samples;
+}
+
+/* A path in a million slips between the faces of a closed mesh by rounding. What fewer rays find is
+ * not seen in a picture. */
+static const double HOLE_PART = 1e-4;
+
 /* Of several objects with holes the first is named: once it is closed, the next. */
 static void warn_of_holes(Warnings *warnings, const AmbRender *render, const SceneLeaks *leaks,
-                          const char *what) {
-    if (leaks->count > 0)
+                          uint64_t rays, const char *what) {
+    if ((double)leaks->count > HOLE_PART * (double)rays)
         warn(warnings, render->scene->objects[leaks->object].name, what, leaks->count);
 }
 
@@ -404,11 +414,12 @@ static void add_warnings(Text *text, const AmbRender *render, uint64_t nonfinite
              "it scatters too sharply for photons: orders from the second on are some percent off",
              is_too_sharp(render, object));
     }
-    warn_of_holes(&warnings, render, &render->account.leaks,
+    warn_of_holes(&warnings, render, &render->account.leaks, render->account.ray_count,
                   "light rays left it through a hole in its mesh: close it for a right picture");
     SceneLeaks seen = {.count = atomic_load(&render->camera_leak_count)};
     seen.object = atomic_load(&render->camera_leak_object);
-    warn_of_holes(&warnings, render, &seen,
+    const uint64_t pixels = (uint64_t)render->film.width * render->film.height;
+    warn_of_holes(&warnings, render, &seen, pixels * used_samples(render),
                   "camera rays left it through a hole in its mesh: close it for a right picture");
     warn(&warnings, NULL,
          "memory_limit is reached: the light is traced and kept more coarsely than asked for",
@@ -416,12 +427,6 @@ static void add_warnings(Text *text, const AmbRender *render, uint64_t nonfinite
     warn(&warnings, NULL, "samples were not finite and were left out: please report this scene",
          nonfinite);
     add(text, "],\n");
-}
-
-/* Under a target they are what was needed, on average. */
-static uint32_t used_samples(const AmbRender *render) {
-    const bool is_target = render->accuracy.target > 0.0f;
-    return is_target ? (uint32_t)lround(render->accuracy.samples_mean) : render->params.samples;
 }
 
 /* What was no number and was left out, by birthplace. */
