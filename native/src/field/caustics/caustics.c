@@ -318,8 +318,6 @@ Rgb caustics_irradiance_by_rays(const CausticMap *map, Vec3 p, Vec3 n, uint32_t 
 bool caustics_choose(const CausticMap *map, uint32_t part, Sample2 choice, Sample2 place,
                      CausticPoint *out_point) {
     const double all = parts_flux(map, part);
-    if (!(all > 0.0))
-        return false;
     double left = ((double)choice.u + (double)choice.v * 0x1p-24) * all;
     const CausticTree *tree = NULL;
     for (uint32_t k = 0; k < map->part_count; ++k) {
@@ -331,6 +329,8 @@ bool caustics_choose(const CausticMap *map, uint32_t part, Sample2 choice, Sampl
             break;
         left -= flux;
     }
+    if (tree == NULL)
+        return false;
     *out_point = caustic_tree_choose(tree, left, place);
     const double times = part > 0 ? (double)map->part_count : 1.0;
     const float chance = (float)(caustic_tree_flux(tree) / (times * all));
