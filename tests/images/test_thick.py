@@ -166,7 +166,7 @@ def test_surroundings_against_walks(g: float) -> None:
         set_perspective(scene, (0, -5, 0), (0, 1, 0), (0, 0, 1), 0.3)
 
     effects = SINGLE | DOUBLE | MULTIPLE | WORLD
-    walk, error = walk_means(build, 12, samples=96 if g == 0.0 else 240, effects=effects)
+    walk, error = walk_means(build, 12, samples=96 if g == 0.0 else 480, effects=effects)
     photons = means(build, 12, scatter_estimator=PHOTONS, samples=4, effects=effects)
     for k in range(3):
         assert photons[k] == pytest.approx(walk[k], abs=3.5 * error[k] + 0.015 * walk[k]), k
