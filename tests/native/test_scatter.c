@@ -225,15 +225,21 @@ static void depths_of_a_sphere(void) {
     amb_scene_destroy(scene);
 }
 
-/* Hat functions add up to 1: so do volumes to that of the layers. */
-static void check_volumes_of_sphere(const AmbScene *scene) {
+/* The first object's cells, and the sum of their volumes, m^3. */
+static double build_cells(const AmbScene *scene, ScatterCells *out_cells) {
     Job job;
     job_init(&job, 1);
-    ScatterCells cells;
-    ENSURE_STATUS(scatter_cells_build(scene, 0, 0.1f, 2, &job, &cells), AMB_OK);
+    ENSURE_STATUS(scatter_cells_build(scene, 0, 0.1f, 2, &job, out_cells), AMB_OK);
     double sum = 0.0;
-    for (uint64_t i = 0; i < cells.cell_count; ++i)
-        sum += (double)cells.volumes[i];
+    for (uint64_t i = 0; i < out_cells->cell_count; ++i)
+        sum += (double)out_cells->volumes[i];
+    return sum;
+}
+
+/* Hat functions add up to 1: so do volumes to that of the layers. */
+static void check_volumes_of_sphere(const AmbScene *scene) {
+    ScatterCells cells;
+    const double sum = build_cells(scene, &cells);
     const double inner = 1.0 - (double)cells.layers[cells.layer_count];
     ENSURE(inner > 0.3 && inner < 0.6);
     const double expected = 4.0 / 3.0 * PI * (1.0 - inner * inner * inner);
@@ -303,13 +309,8 @@ static void solids_hide_what_is_behind(void) {
         shape_add(scene, &mesh, id, radius, aside, 0.0f, 0.0f);
         shape_free(&solid);
         build(scene); /* its camera is in the middle: in the sphere, or beside it */
-        Job job;
-        job_init(&job, 1);
         ScatterCells cells;
-        ENSURE_STATUS(scatter_cells_build(scene, 0, 0.1f, 2, &job, &cells), AMB_OK);
-        double sum = 0.0;
-        for (uint64_t i = 0; i < cells.cell_count; ++i)
-            sum += (double)cells.volumes[i];
+        const double sum = build_cells(scene, &cells);
         const double ball = 4.0 / 3.0 * PI * pow((double)radius, 3.0);
         ENSURE_NEAR(sum / (k == 0 ? ball : 8.0 - ball), 1.0, 0.02);
         scatter_cells_clear(&cells);
