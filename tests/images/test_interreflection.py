@@ -204,6 +204,37 @@ def test_a_wall_sees_a_caustic_without_white_dots() -> None:
     assert deviation < 2
 
 
+def test_what_stands_beside_a_caustic_hides_it() -> None:
+    """A curb of 5 cm around a caustic hides it from the foot of a wall a kilometre away: shadows
+    are asked for on the whole way there, however long it is."""
+
+    def build(scene: Scene) -> None:
+        add_spot(scene, (0, 0, 6), (0, 0, -1), 10.0, 0.01)
+        ball = icosphere(4)
+        ball = Mesh(ball.positions * 0.25 + np.array((0, 0, 0.6)), ball.triangles, ball.normals)
+        add_body(scene, ball, Medium(1.5, 0, 0))
+        add_rectangle(scene, "floor", [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
+        add_rectangle(scene, "wall", [(-1, 1e3, 0), (1, 1e3, 0), (1, 1e3, 2), (-1, 1e3, 2)])
+
+    def with_curb(scene: Scene) -> None:
+        build(scene)
+        corners = [(-0.05, -0.05), (0.05, -0.05), (0.05, 0.05), (-0.05, 0.05)]
+        for (x, y), (u, v) in zip(corners, corners[1:] + corners[:1], strict=True):
+            add_rectangle(scene, "curb", [(x, y, 0), (u, v, 0), (u, v, 0.1), (x, y, 0.1)])
+
+    def seen_at_the_wall(build: Callable[[Scene], None]) -> np.ndarray:
+        def at_the_wall(scene: Scene) -> None:
+            build(scene)
+            set_orthographic(scene, (0, 999, 0.05), (0, 1, 0), (0, 0, 1), 0.06)
+
+        effects = _ffi.AMB_EFFECT_CAUSTICS | _ffi.AMB_EFFECT_INTERREFLECTION
+        settings = {"effects": effects, "light_samples": 2**14, "samples": 16}
+        return render(at_the_wall, 8, "Surface", **settings).pixels
+
+    assert seen_at_the_wall(build).mean() > 0
+    assert seen_at_the_wall(with_curb).max() == 0
+
+
 def corner(angle: float) -> Mesh:
     """Two squares with an edge in common; 180 degrees is a plane."""
     x, z = -np.cos(np.radians(angle)), np.sin(np.radians(angle))

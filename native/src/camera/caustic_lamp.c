@@ -3,12 +3,9 @@
 #include "camera/caustic_lamp.h"
 
 #include "camera/shadow.h"
+#include "scene/light_mesh.h"
 
 enum { SURFACE_MAX = 16 }; /* along a kernel's height, a guard */
-
-/* Part of the way that is not asked for what stands on it: rounding grows with the way, and the
- * surface itself is no shadow. */
-static const float LAST_PART = 1e-4f;
 
 /* What the surface sees of a photon's light at a place of another one. */
 static Rgb radiance_from(Walker *walker, const SurfacePoint *surface, const MediumStack *stack,
@@ -24,12 +21,13 @@ static Rgb radiance_from(Walker *walker, const SurfacePoint *surface, const Medi
     const float turn = vec3_dot(n, point->n);
     if (!(cosines > 0.0f) || !(turn >= CAUSTIC_NORMAL_COS_MIN))
         return none;
+    const LightPlace place = {.p = other->p, .n = other->ng};
     const Vec3 p = scene_leave(surface, ng);
-    const Vec3 straight = vec3_sub(scene_leave(other, n), p);
-    const float whole = vec3_length(straight), distance = (1.0f - LAST_PART) * whole;
-    if (!(whole > 0.0f))
+    const Vec3 straight = vec3_sub(light_place_towards(&place, surface->p), p);
+    const float distance = vec3_length(straight);
+    if (!(distance > 0.0f))
         return none;
-    const Vec3 to = vec3_scale(straight, 1.0f / whole);
+    const Vec3 to = vec3_scale(straight, 1.0f / distance);
     if (!walker->params->shines_through && scene_is_occluded(walker->scene, p, to, distance))
         return none;
     const Rgb passes = shadow_transmittance(walker->scene, stack, p, to, distance);
