@@ -108,8 +108,8 @@ CLAMPS = (
     Clamp("least flux on its way to surfaces", "light/light_trace.c",
           "FLUX_MIN_LANDING = 1e-4f", "FLUX_MIN_LANDING = 1e-5f", ("caustics",),
           "share of the ray's flux"),
-    Clamp("faces whose photons mix", "field/caustics/caustic_tree.c",
-          "NORMAL_COS_MIN = 0.5f", "NORMAL_COS_MIN = 0.25f", ("caustics",),
+    Clamp("faces whose photons mix", "field/caustics/caustic_tree.h",
+          "CAUSTIC_NORMAL_COS_MIN 0.5f", "CAUSTIC_NORMAL_COS_MIN 0.25f", ("caustics",),
           "cosine between their normals"),
     Clamp("halvings of a piece", "field/specular/specular_gather.c",
           "HALVINGS_MAX = 1 << 10", "HALVINGS_MAX = 1 << 12", ("specular", "dense specular"),
@@ -137,6 +137,15 @@ CLAMPS = (
           "photons that land at less are left out"),
     Clamp("walks far from their object", "camera/scatter_walk.c",
           "LOST_RADII = 1.01f", "LOST_RADII = 16.0f", ("walk",), "holes of meshes"),
+    Clamp("directions laid into a face", "scene/boundary.c",
+          "LAID_COSINE = 1e-3f", "LAID_COSINE = 1e-4f", ("rims",),
+          "how far those that an interpolated normal turned behind it point off it"),
+    Clamp("grazing normals, tubes", "field/tubes/tube_patch.h",
+          "TUBE_GRAZING_COS 1e-3f", "TUBE_GRAZING_COS 1e-4f", ("tubes", "soft tubes"),
+          "normals that interpolation turned away from the light"),
+    Clamp("least softness of tubes", "field/tubes/tube_gather.c",
+          "SOFT_MIN = 1e-3f", "SOFT_MIN = 1e-4f", ("tubes", "soft tubes"),
+          "less of a tube's width is averaged over by a chord"),
 )  # fmt: skip
 
 
@@ -157,10 +166,11 @@ def measure(scene: str) -> np.ndarray:
         handles,
         look,
         render,
+        rgb,
         set_perspective,
     )  # fmt: skip
     from bumpy import EYE, FOV, UP, bumpy
-    from meshes import box, bumpy_sphere
+    from meshes import box, bumpy_sphere, icosphere
     from ref_bumpy import bumpy_scene
     from test_caustics import add_floor, look_down
 
@@ -174,12 +184,27 @@ def measure(scene: str) -> np.ndarray:
             effects=_ffi.AMB_EFFECT_CAUSTICS, light_samples=times * 2**17, **settings,
         ).pixels  # fmt: skip
 
+    later = _ffi.AMB_EFFECT_DOUBLE_SCATTERING | _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
+
+    def rims(handle: handles.Scene) -> None:
+        """A furnace: a coarse smooth ball that absorbs nothing, all that it shows is 1."""
+        add_body(handle, icosphere(1), Medium(1.5, 1.0, 0.0))
+        handle.set_world([1.0, 1.0, 1.0])
+        set_perspective(handle, (0.0, 0.0, EYE), (0.0, 0.0, -1.0), UP, FOV)
+
     def on_floor(handle: handles.Scene) -> None:
         add_body(handle, box((-1, -0.7, 0.002), (1, 0.7, 1.2)), Medium(1.0, 0.45, 0.05))
         add_point(handle, (1.5, 0.5, 4.0), 100.0)
         add_floor(handle)
         look_down(handle, 6.0, 0.1)
 
+    if scene == "rims":
+        everything = later | _ffi.AMB_EFFECT_SINGLE_SCATTERING | _ffi.AMB_EFFECT_WORLD_LIGHT
+        everything |= _ffi.AMB_EFFECT_SURFACE_REFLECTION | _ffi.AMB_EFFECT_BACKGROUND
+        return render(
+            rims, 32, "Combined", effects=everything, camera_bounces=64, film_transparent=0,
+            scatter_estimator=1, **(settings | {"samples": 64}),
+        ).pixels[..., :3]  # fmt: skip
     if scene.startswith("glow"):
         return render(
             on_floor if scene == "glow near" else lambda handle: bench_glow.build(handle, "middle"),
@@ -209,7 +234,17 @@ def measure(scene: str) -> np.ndarray:
             focus_distance=EYE,
         )  # fmt: skip
 
-    later = _ffi.AMB_EFFECT_DOUBLE_SCATTERING | _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
+    def soft(handle: handles.Scene) -> None:
+        """The lamp a twentieth of its distance wide."""
+        light = np.asarray(case.light)
+        handle.add_light(
+            _ffi.AMB_LIGHT_POINT, "lamp", color=rgb(case.intensity), position=rgb(light),
+            radius=float(np.linalg.norm(light)) / 40,
+        )  # fmt: skip
+        medium = Medium(case.n, case.sigma_s, case.sigma_t - case.sigma_s, case.g)
+        add_body(handle, case.mesh, medium)
+        set_perspective(handle, (0.0, 0.0, EYE), (0.0, 0.0, -1.0), UP, FOV)
+
     photons = {"scatter_estimator": 2, "effects": later}
     # A hundredth of the radius above the surface.
     distance = float(np.linalg.norm(case.light))
@@ -225,6 +260,7 @@ def measure(scene: str) -> np.ndarray:
         "dense specular": (thick(), _ffi.AMB_ESTIMATOR_SPECULAR, {}),
         "photons": (thick(), _ffi.AMB_ESTIMATOR_TUBES, photons),
         "sharp photons": (thick(0.99), _ffi.AMB_ESTIMATOR_TUBES, photons),
+        "soft tubes": (soft, _ffi.AMB_ESTIMATOR_TUBES, {"light_bounces": 1}),
         "walk": (thick(), _ffi.AMB_ESTIMATOR_TUBES, {"scatter_estimator": 1, "effects": later}),
     }
     build, estimator, more = scenes[scene]
