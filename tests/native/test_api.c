@@ -166,6 +166,7 @@ static void bad_materials_are_refused(void) {
     MATERIAL_FAILS(m.albedo[1] = 1.01f, "albedo");
     MATERIAL_FAILS(m.albedo[2] = -0.01f, "albedo");
     MATERIAL_FAILS(m.emission[0] = (float)NAN, "emission");
+    MATERIAL_FAILS(m.emission[0] = 1e31f, "emission is 1e+31");
     MATERIAL_FAILS(m.transmit_color[0] = 2.0f, "transmit_color");
     MATERIAL_FAILS(m.reflect_color[0] = -1.0f, "reflect_color");
     MATERIAL_FAILS(m.texture = 1, "shows texture 1 of 0");
@@ -295,6 +296,8 @@ static void bad_lights_and_cameras_are_refused(void) {
 
     static const float negative[3] = {0, -1, 0};
     FAILS(amb_scene_set_world, (scene, negative), bad, "world");
+    static const float brightest[3] = {1e31f, 1e31f, 1e31f};
+    FAILS(amb_scene_set_world, (scene, brightest), bad, "radiance is 1e+31 in \"world\"");
     AmbWorldImage image;
     float pixels[2][3][3] = {{{0}}};
 #define IMAGE_FAILS(change, part)                                                                  \
@@ -313,6 +316,7 @@ static void bad_lights_and_cameras_are_refused(void) {
     IMAGE_FAILS(image.to_world[1] = (float)NAN, "to_world");
     IMAGE_FAILS(pixels[1][2][0] = -1.0f, "pixel (2, 1)");
     IMAGE_FAILS(pixels[1][2][0] = (float)INFINITY, "pixel (2, 1)");
+    IMAGE_FAILS(pixels[1][2][0] = 1e31f, "pixel (2, 1) of the world's image is 1e+31");
     pixels[1][2][0] = 1.0f;
     ENSURE_STATUS(amb_scene_set_world_image(scene, &image), AMB_OK);
 #undef IMAGE_FAILS

@@ -195,7 +195,7 @@ CASES = [
             lambda _, x=x: floor_error(LAMP, BELOW, x, has_ball=True),
             ONE,
         )
-        for x, is_lamp in ((1e-38, 0), (1e-29, 1), (1e-10, 1), (1e10, 1), (1e29, 1), (1e35, 0))
+        for x, is_lamp in ((1e-38, 0), (1e-29, 1), (1e-10, 1), (1e10, 1), (1e29, 1), (1e30, 0))
     ),
     *(
         Case(

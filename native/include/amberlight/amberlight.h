@@ -160,7 +160,7 @@ typedef struct AmbMaterial {
     uint32_t surface; /* AMB_SURFACE_* */
     const char *name;
     float albedo[3];         /* DIFFUSE: reflectance in [0,1] */
-    float emission[3];       /* DIFFUSE: emitted radiance, from both sides, W m^-2 sr^-1 */
+    float emission[3];       /* DIFFUSE: radiance of both sides, W m^-2 sr^-1, in [0,1e30] */
     float transmit_color[3]; /* DIELECTRIC: factor on each refraction, in [0,1] */
     float reflect_color[3];  /* DIELECTRIC: factor on each reflection, in [0,1] */
     float ior;               /* DIELECTRIC: index of the inside, vacuum = 1; > 0 */
@@ -254,7 +254,7 @@ typedef struct AmbLight {
 AMB_API void amb_light_init(AmbLight *light, uint32_t kind);
 AMB_API AmbStatus amb_scene_add_light(AmbScene *scene, const AmbLight *light, uint32_t *out_id);
 
-/* Radiance of the surroundings, constant; takes the place of an image. */
+/* Radiance of the surroundings in [0,1e30], constant; takes the place of an image. */
 AMB_API AmbStatus amb_scene_set_world(AmbScene *scene, const float radiance[3]);
 
 /* Radiance of the surroundings by direction, equirectangular. Row 0 is the bottom; the middle of
@@ -265,7 +265,7 @@ typedef struct AmbWorldImage {
     uint32_t struct_size;
     uint32_t width, height; /* pixels, >= 1; together < 2^32 */
     float to_world[9];      /* row-major 3x3 of the image's axes; orthogonal */
-    const float *radiance;  /* (height, width, 3), W m^-2 sr^-1, >= 0, finite */
+    const float *radiance;  /* (height, width, 3), W m^-2 sr^-1, in [0,1e30] */
 } AmbWorldImage;
 
 AMB_API void amb_world_image_init(AmbWorldImage *image); /* identity rotation */

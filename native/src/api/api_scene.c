@@ -12,6 +12,8 @@ static const float COEFFICIENT_MAX = 1e9f; /* 1/m */
 static const float G_MAX = 0.9999f;
 /* Sizes of lamps, m, and windows: squares of sums of such numbers are finite. */
 static const float LENGTH_MAX = 1e18f;
+/* What surfaces and the world emit: sums over all samples of a pixel are finite. */
+static const float RADIANCE_MAX = 1e30f;
 
 static const char *name_or_empty(const char *name) {
     return name != NULL ? name : "";
@@ -140,7 +142,7 @@ static AmbStatus check_material(const AmbScene *scene, const AmbMaterial *m) {
         return status_fail(AMB_INVALID_ARGUMENT, "\"%.100s\" has %u phase lobes, at most %d", name,
                            m->lobe_count, AMB_PHASE_LOBE_MAX);
     AMB_TRY(check_range(m->albedo, 3, 0.0f, 1.0f, "albedo", name));
-    AMB_TRY(check_range(m->emission, 3, 0.0f, FLT_MAX, "emission", name));
+    AMB_TRY(check_range(m->emission, 3, 0.0f, RADIANCE_MAX, "emission", name));
     AMB_TRY(check_range(m->transmit_color, 3, 0.0f, 1.0f, "transmit_color", name));
     AMB_TRY(check_range(m->reflect_color, 3, 0.0f, 1.0f, "reflect_color", name));
     AMB_TRY(check_range(&m->ior, 1, 0.1f, 10.0f, "ior", name));
@@ -417,7 +419,7 @@ AmbStatus amb_scene_set_world(AmbScene *scene, const float radiance[3]) {
     status_enter("amb_scene_set_world");
     AMB_TRY(check_open(scene));
     AMB_TRY(check_pointer(radiance, "radiance"));
-    AMB_TRY(check_range(radiance, 3, 0.0f, FLT_MAX, "radiance", "world"));
+    AMB_TRY(check_range(radiance, 3, 0.0f, RADIANCE_MAX, "radiance", "world"));
     world_clear(&scene->world);
     scene->world.constant = rgb_from(radiance);
     return AMB_OK;
@@ -443,11 +445,12 @@ static AmbStatus check_world_image(const AmbWorldImage *image) {
             return status_fail(AMB_INVALID_ARGUMENT, "to_world of the world is not orthogonal");
     }
     for (uint64_t i = 0; i < 3 * pixels; ++i)
-        if (!(image->radiance[i] >= 0.0f) || !isfinite(image->radiance[i]))
+        if (!(image->radiance[i] >= 0.0f && image->radiance[i] <= RADIANCE_MAX))
             return status_fail(AMB_INVALID_ARGUMENT,
-                               "pixel (%llu, %llu) of the world's image is negative or not finite",
+                               "pixel (%llu, %llu) of the world's image is %g, must be in [0, %g]",
                                (unsigned long long)(i / 3 % image->width),
-                               (unsigned long long)(i / 3 / image->width));
+                               (unsigned long long)(i / 3 / image->width),
+                               (double)image->radiance[i], (double)RADIANCE_MAX);
     return AMB_OK;
 }
 
