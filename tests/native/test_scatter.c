@@ -365,6 +365,30 @@ static void flux_is_kept(void) {
     }
 }
 
+/* What is in the middle of an object hides none of the light that comes to it. */
+static void stones_hide_no_surroundings(void) {
+    Shape sphere = shape_sphere(48, 96), stone = shape_sphere(8, 16);
+    AmbScene *scene = scene_of(&sphere, true, shape_resin(1.5f, 2.0f, 0.0f, 0.0f));
+    AmbMaterial coal;
+    amb_material_init(&coal);
+    coal.albedo[0] = coal.albedo[1] = coal.albedo[2] = 0.0f;
+    uint32_t id = 0;
+    ENSURE_STATUS(amb_scene_add_material(scene, &coal, &id), AMB_OK);
+    const AmbMesh mesh = shape_mesh(&stone, "stone", false);
+    shape_add(scene, &mesh, id, 0.1f, 0.0f, 0.0f, 0.0f);
+    shape_free(&stone);
+    const float world[3] = {1, 1, 1};
+    ENSURE_STATUS(amb_scene_set_world(scene, world), AMB_OK);
+    build(scene);
+    const ScatterParams params = world_params(20000);
+    Scatter *scatter = trace(scene, &params, 1);
+    const ScatterTally *tally = scatter_tally(scatter);
+    ENSURE_NEAR(tally->entered[1] / (4.0 * PI * PI * (1.0 - 0.091778)), 1.0, 4e-3);
+    ENSURE(tally->escaped[1] < 0.99 * tally->entered[1]);
+    scatter_destroy(scatter);
+    amb_scene_destroy(scene);
+}
+
 /* In white media a photon scatters as often as the object is free paths wide, on average: here the
  * longest walks go on by chance, and flux is kept on average. */
 static void long_walks_are_few(void) {
@@ -541,6 +565,7 @@ void test_scatter(void) {
     RUN(solids_hide_what_is_behind);
     RUN(volumes_of_a_box);
     RUN(flux_is_kept);
+    RUN(stones_hide_no_surroundings);
     RUN(long_walks_are_few);
     RUN(white_furnace);
     RUN(no_light_is_negative);

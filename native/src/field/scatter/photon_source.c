@@ -2,45 +2,60 @@
  * Where photons start. */
 #include "field/scatter/photon_source.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "base/memory.h"
 
 enum {
     PROBE_LINES = 1024, /* that tell how bright an object's surroundings are */
-    PROBE_SURFACES = 32
+    PROBE_SURFACES = 32 /* on the way of one */
 };
 
 static Photon emit_line(const LightBatch *batch, uint64_t i);
 
-/* Radiance of what is behind p against d, translucent objects left aside. */
-static Rgb background(const AmbScene *scene, Vec3 p, Vec3 d, bool interreflects, Rng rng) {
-    uint32_t dimension = 0;
-    const Vec3 back = vec3_negate(d);
+/* Whether a line meets its object, and the radiance that it brings there, of the world or of the
+ * last opaque surface before; other translucent objects are left aside. */
+static bool brings(const AmbScene *scene, const Photon *line, bool interreflects, Rng rng,
+                   Rgb *out_radiance) {
+    SurfacePoint last = {.material = NULL};
+    Vec3 o = line->o;
     Hit hit;
-    for (int i = 0; i < PROBE_SURFACES && scene_intersect(scene, p, back, INFINITY, &hit); ++i) {
+    for (int i = 0; i < PROBE_SURFACES && scene_intersect(scene, o, line->d, INFINITY, &hit); ++i) {
         const SurfacePoint surface = scene_surface(scene, &hit);
-        if (surface.material->surface != AMB_SURFACE_DIELECTRIC)
-            return photon_surface_radiance(scene, &surface, d, interreflects, rng, &dimension);
-        p = scene_leave(&surface, back);
+        if (surface.material->surface != AMB_SURFACE_DIELECTRIC) {
+            last = surface;
+        } else if (surface.object == line->batch->target) {
+            uint32_t dimension = 0;
+            *out_radiance = last.material == NULL
+                                ? world_radiance_but_lamps(&scene->world, vec3_negate(line->d))
+                                : photon_surface_radiance(scene, &last, line->d, interreflects, rng,
+                                                          &dimension);
+            return true;
+        }
+        o = scene_leave(&surface, line->d);
     }
-    return world_radiance_but_lamps(&scene->world, back);
+    return false;
 }
 
-/* Flux from around an object towards it, W, about. */
+/* Flux from around an object towards it, W, about; infinite where it is so thin that no line meets
+ * it: nothing is known then, and all lights get as many photons. */
 static double surroundings_power(const AmbScene *scene, const LightBatch *batch,
                                  const ScatterParams *params) {
     LightBatch probe = *batch;
     probe.emission.count = PROBE_LINES;
     double power = 0.0;
+    uint32_t met = 0;
     for (uint32_t i = 0; i < PROBE_LINES; ++i) {
         const Photon line = emit_line(&probe, i);
         const Rng rng = rng_create(params->seed, RNG_STAGE_PHOTON, i);
-        const Rgb radiance =
-            background(scene, probe.emission.target, line.d, params->interreflects, rng);
+        Rgb radiance;
+        if (!brings(scene, &line, params->interreflects, rng, &radiance))
+            continue;
         power += (double)rgb_mean(rgb_mul(line.flux, radiance));
+        ++met;
     }
-    return power;
+    return met > 0 ? power : (double)INFINITY;
 }
 
 static void list_batches(const AmbScene *scene, const ScatterParams *params, PhotonSource *source) {
