@@ -34,7 +34,7 @@ enum { SIDE = 2, FLOATS = SIDE * SIDE * 4 };
 
 /* Everything a caller does, until something fails. */
 static AmbStatus whole_cycle(const Demo *demo, const char *path, float out_pixels[FLOATS]) {
-    static const uint32_t slots[2] = {0, 0}, opaque = 1;
+    static const uint32_t slots[3] = {0, 0, 0}, opaque = 1;
     AmbScene *scene = NULL;
     AmbRender *render = NULL;
     AmbStatus status;
@@ -43,12 +43,16 @@ static AmbStatus whole_cycle(const Demo *demo, const char *path, float out_pixel
     Shape plane = shape_plane();
     AmbMesh hero = shape_mesh(&demo->shape, "hero", true);
     AmbMesh ground = shape_mesh(&plane, "ground", false);
+    /* The last face has no area: such a mesh has indices of its own in the accelerator. */
+    static const uint32_t faces[9] = {0, 1, 3, 0, 3, 2, 0, 3, 3};
+    ground.triangles = faces;
+    ground.triangle_count = 3;
     ground.slots = slots;
     AmbMaterial diffuse;
     amb_material_init(&diffuse);
     for (int k = 0; k < 3; ++k)
         diffuse.emission[k] = demo->glow;
-    static const float corners[12] = {0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 1, 1};
+    static const float corners[18] = {0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 1, 1};
     ground.uvs = corners;
     static const float color[6] = {0.8f, 0.8f, 0.8f, 0.7f, 0.8f, 0.9f};
     AmbTexture texture;

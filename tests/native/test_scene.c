@@ -287,6 +287,74 @@ static void flat_and_broken_normals_are_the_face(void) {
     shape_free(&plane);
 }
 
+static AmbScene *scene_of(Shape *shape, bool is_smooth) {
+    AmbScene *scene = begin_scene();
+    const AmbMesh mesh = shape_mesh(shape, "faces", is_smooth);
+    shape_add(scene, &mesh, add_resin(scene, 1.5f), 1.0f, 0, 0, 0);
+    finish_scene(scene);
+    return scene;
+}
+
+/* A third corner in the middle of two, exactly: rays at such a line would meet it by rounding. */
+static void faces_without_area_are_not_met(void) {
+    enum { FACES = 200 };
+    float positions[9 * FACES];
+    uint32_t triangles[3 * FACES];
+    uint64_t state = 1;
+    for (uint32_t t = 0; t < FACES; ++t)
+        for (uint32_t k = 0; k < 3; ++k) {
+            float *p = positions + 9 * t + k;
+            p[0] = (float)floor(test_uniform(&state, -4096, 4096)) / 4096.0f;
+            p[3] = (float)floor(test_uniform(&state, -4096, 4096)) / 4096.0f;
+            p[6] = 0.5f * (p[0] + p[3]);
+            triangles[3 * t + k] = 3 * t + k;
+        }
+    Shape shape = {.positions = positions,
+                   .triangles = triangles,
+                   .vertex_count = 3 * FACES,
+                   .triangle_count = FACES};
+    AmbScene *scene = scene_of(&shape, false);
+    int met = 0;
+    for (uint32_t trial = 0; trial < 100 * FACES; ++trial) {
+        const float *p = positions + 9 * (trial % FACES);
+        const Vec3 to =
+            vec3_madd(vec3_scale(vec3(p[0], p[1], p[2]), 0.3f), 0.7f, vec3(p[3], p[4], p[5]));
+        const Vec3 o = vec3_scale(random_direction(&state), 3.0f);
+        Hit hit;
+        met += scene_intersect(scene, o, vec3_normalize(vec3_sub(to, o)), INFINITY, &hit);
+    }
+    ENSURE_NEAR(met, 0, 0);
+    amb_scene_destroy(scene);
+}
+
+/* Both long edges are the same once their ends are subtracted in floats. */
+static void slivers_from_far_away_have_a_normal(void) {
+    float positions[9] = {-18052948, 16491034, 6299229, -0.37f, -2.04f,
+                          -1.13f,    -1.25f,   -0.89f,  -0.51f};
+    float normals[9] = {0, 0, 1, 0, 0.6f, 0.8f, 0.6f, 0, 0.8f};
+    uint32_t triangle[3] = {0, 1, 2};
+    Shape shape = {.positions = positions,
+                   .normals = normals,
+                   .triangles = triangle,
+                   .vertex_count = 3,
+                   .triangle_count = 1};
+    AmbScene *scene = scene_of(&shape, true);
+    const Hit hit = {.u = 0.1f, .v = 0.8f};
+    const SurfacePoint surface = scene_surface(scene, &hit);
+    const Vec3 edge =
+        vec3(positions[6] - positions[3], positions[7] - positions[4], positions[8] - positions[5]);
+    const Vec3 far = vec3_normalize(vec3(positions[0], positions[1], positions[2]));
+    ENSURE_NEAR(vec3_length(surface.ng), 1.0, 1e-6);
+    ENSURE_NEAR(vec3_dot(surface.ng, edge), 0.0, 1e-6);
+    ENSURE_NEAR(vec3_dot(surface.ng, far), 0.0, 1e-6);
+    /* Along the short edge normals go from the second corner's to the third's. */
+    const Vec3 dn = scene_normal_derivative(scene, &hit, edge);
+    const SurfacePoint next = scene_surface(scene, &(Hit){.u = 0.099f, .v = 0.801f});
+    ENSURE_NEAR(vec3_length(vec3_sub(vec3_sub(next.ns, surface.ns), vec3_scale(dn, 1e-3f))), 0.0,
+                1e-5);
+    amb_scene_destroy(scene);
+}
+
 /* A ray that goes on from a surface never meets the same surface again, near the origin and far
  * from it, on large triangles and at grazing angles. */
 static void leaving_a_surface_is_final(void) {
@@ -674,6 +742,8 @@ void test_scene(void) {
     RUN(outside_stays_outside);
     RUN(normal_derivative_matches_finite_differences);
     RUN(flat_and_broken_normals_are_the_face);
+    RUN(faces_without_area_are_not_met);
+    RUN(slivers_from_far_away_have_a_normal);
     RUN(leaving_a_surface_is_final);
     RUN(emission_of_a_point_fills_the_cap);
     RUN(emission_of_a_spot_is_its_cone);

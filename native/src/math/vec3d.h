@@ -41,4 +41,11 @@ static inline double vec3d_length(Vec3d a) {
     return sqrt(vec3d_dot(a, a));
 }
 
+/* Twice the area of a triangle, along its normal. Rounded to floats, the edges of a sliver from a
+ * corner far away may be one and the same. */
+static inline Vec3d vec3d_area(Vec3 a, Vec3 b, Vec3 c) {
+    const Vec3d from = vec3d_from(a);
+    return vec3d_cross(vec3d_sub(vec3d_from(b), from), vec3d_sub(vec3d_from(c), from));
+}
+
 #endif

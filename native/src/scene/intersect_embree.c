@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "math/vec3d.h"
 
 /* Embree's own bound of coordinates. */
 static const float COORDINATE_MAX = 1.844e18f;
@@ -101,6 +102,32 @@ void intersector_destroy(Intersector *self) {
     memory_free(self);
 }
 
+static bool has_area(const Vec3 *positions, const uint32_t i[3]) {
+    const Vec3d area = vec3d_area(positions[i[0]], positions[i[1]], positions[i[2]]);
+    return vec3d_dot(area, area) > 0.0;
+}
+
+/* Faces without area are met by rounding, and have no normal: a point takes their place. */
+static void set_triangles(RTCGeometry geometry, const Vec3 *positions, const uint32_t *triangles,
+                          uint64_t count) {
+    uint64_t with_area = 0;
+    while (with_area < count && has_area(positions, triangles + 3 * with_area))
+        ++with_area;
+    if (with_area == count) {
+        rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, triangles,
+                                   0, 3 * sizeof(uint32_t), count);
+        return;
+    }
+    uint32_t *own = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                            3 * sizeof(uint32_t), count);
+    for (uint64_t t = 0; own != NULL && t < count; ++t) {
+        const uint32_t *i = triangles + 3 * t;
+        const bool is_face = has_area(positions, i);
+        for (uint32_t k = 0; k < 3; ++k)
+            own[3 * t + k] = is_face ? i[k] : i[0];
+    }
+}
+
 AmbStatus intersector_add(Intersector *self, const Vec3 *positions, uint64_t vertex_count,
                           const uint32_t *triangles, uint64_t triangle_count) {
     RTCGeometry geometry = rtcNewGeometry(self->device, RTC_GEOMETRY_TYPE_TRIANGLE);
@@ -108,8 +135,7 @@ AmbStatus intersector_add(Intersector *self, const Vec3 *positions, uint64_t ver
         return check(self->device, "adding a mesh");
     rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, positions, 0,
                                sizeof(Vec3), vertex_count);
-    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, triangles, 0,
-                               3 * sizeof(uint32_t), triangle_count);
+    set_triangles(geometry, positions, triangles, triangle_count);
     rtcCommitGeometry(geometry);
     rtcAttachGeometry(self->scene, geometry);
     rtcReleaseGeometry(geometry);

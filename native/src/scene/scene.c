@@ -619,15 +619,13 @@ Vec3 scene_position(const AmbScene *scene, const Hit *hit) {
 SurfacePoint scene_surface(const AmbScene *scene, const Hit *hit) {
     const SceneObject *object = &scene->objects[hit->geometry];
     const Triangle triangle = triangle_at(scene, hit);
-    const Vec3 e1 = vec3_sub(triangle.p[1], triangle.p[0]);
-    const Vec3 e2 = vec3_sub(triangle.p[2], triangle.p[0]);
     SurfacePoint surface;
     const Hit inner = inside_edges(hit);
     surface.p = interpolate(triangle.p, &inner);
-    /* A face without area has none: vec3_is_finite tells. */
-    const Vec3 area = vec3_cross(e1, e2);
-    const float size = vec3_length(area);
-    surface.ng = vec3_scale(area, size > 0.0f ? 1.0f / size : NAN);
+    /* A face without area has none, which vec3_is_finite tells; no ray meets it. */
+    const Vec3d area = vec3d_area(triangle.p[0], triangle.p[1], triangle.p[2]);
+    const double size = vec3d_length(area);
+    surface.ng = vec3d_round(vec3d_scale(area, size > 0.0 ? 1.0 / size : (double)NAN));
     if (object->is_flipped)
         surface.ng = vec3_negate(surface.ng);
     surface.ns = surface.ng;
@@ -667,12 +665,13 @@ Vec3 scene_normal_derivative(const AmbScene *scene, const Hit *hit, Vec3 dp) {
     const Triangle triangle = triangle_at(scene, hit);
     if (!triangle.has_normals)
         return vec3(0, 0, 0);
-    const Vec3 e1 = vec3_sub(triangle.p[1], triangle.p[0]);
-    const Vec3 e2 = vec3_sub(triangle.p[2], triangle.p[0]);
-    const Vec3 area = vec3_cross(e1, e2);
-    const float scale = 1.0f / vec3_dot(area, area);
-    const float du = vec3_dot(vec3_cross(dp, e2), area) * scale;
-    const float dv = vec3_dot(vec3_cross(e1, dp), area) * scale;
+    const Vec3d from = vec3d_from(triangle.p[0]), d = vec3d_from(dp);
+    const Vec3d e1 = vec3d_sub(vec3d_from(triangle.p[1]), from);
+    const Vec3d e2 = vec3d_sub(vec3d_from(triangle.p[2]), from);
+    const Vec3d area = vec3d_cross(e1, e2);
+    const double scale = 1.0 / vec3d_dot(area, area);
+    const float du = (float)(vec3d_dot(vec3d_cross(d, e2), area) * scale);
+    const float dv = (float)(vec3d_dot(vec3d_cross(e1, d), area) * scale);
     const Vec3 n = interpolate(triangle.n, hit);
     const float length = vec3_length(n);
     if (!(length > 0.0f))
@@ -683,10 +682,9 @@ Vec3 scene_normal_derivative(const AmbScene *scene, const Hit *hit, Vec3 dp) {
     const Vec3 unit = vec3_scale(n, 1.0f / length);
     dn = vec3_scale(vec3_madd(dn, -vec3_dot(dn, unit), unit), 1.0f / length);
     /* The sign that scene_surface gives the normal. */
-    Vec3 ng = area;
-    if (scene->objects[hit->geometry].is_flipped)
-        ng = vec3_negate(ng);
-    return vec3_dot(n, ng) < 0.0f ? vec3_negate(dn) : dn;
+    const double side = vec3d_dot(vec3d_from(n), area);
+    const bool is_opposed = scene->objects[hit->geometry].is_flipped ? side > 0.0 : side < 0.0;
+    return is_opposed ? vec3_negate(dn) : dn;
 }
 
 float scene_lamp_pdf(const SurfacePoint *surface, const SceneObject *object, Vec3 p) {
