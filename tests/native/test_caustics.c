@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "base/memory.h"
-#include "field/caustics/caustic_tree.h"
+#include "field/caustics/caustic_gather.h"
 #include "field/caustics/caustics.h"
 #include "field/caustics/neighbours.h"
 #include "shapes.h"
@@ -71,8 +71,10 @@ static void tree_is_a_sum(void) {
             const Vec3 p = vec3(uniform(&state, -1, 1), uniform(&state, -1, 1), 0);
             const Vec3 n = vec3(0, 0, i % 7 == 0 ? -1.0f : 1.0f);
             const double expected = plain_sum(copy, count, p, n);
-            const double found = (double)caustic_tree_irradiance(&tree, p, n, 0.0f).g;
-            worst = test_worse(worst, fabs(found - expected));
+            const Rgb found = caustic_gather_portable(&tree, p, n, 0.0f);
+            const Rgb selected = caustic_gather_select()(&tree, p, n, 0.0f);
+            ENSURE(memcmp(&found, &selected, sizeof found) == 0);
+            worst = test_worse(worst, fabs((double)found.g - expected));
             most = fmax(most, expected);
         }
         /* A photon whose plane is just as far as counts may fall on either side. */
@@ -200,7 +202,7 @@ static void bounds_of_kernels_keep_the_flux(void) {
                 const float s = 2.2f * ((float)j + 0.5f) / EDGE - 1.1f;
                 const float t = 2.2f * ((float)k + 0.5f) / EDGE - 1.1f;
                 const Vec3 p = vec3_madd(vec3_scale(along, s), t, across);
-                sum += (double)caustic_tree_irradiance(&tree, p, vec3(0, 0, 1), 0.0f).g;
+                sum += (double)caustic_gather_select()(&tree, p, vec3(0, 0, 1), 0.0f).g;
             }
         sum *= 2.2 * 2.2 * u * v / (double)(EDGE * EDGE);
         worst = test_worse(worst, fabs(sum / 2.0 - 1.0));

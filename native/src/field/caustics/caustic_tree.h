@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * Hierarchy over caustic photons: a balanced binary tree of boxes, eight photons a leaf. */
+ * Hierarchy over caustic photons: eight boxes a node, eight photons a leaf. */
 #ifndef AMB_FIELD_CAUSTICS_CAUSTIC_TREE_H
 #define AMB_FIELD_CAUSTICS_CAUSTIC_TREE_H
 
@@ -17,30 +17,36 @@ typedef struct CausticPhoton {
     Rgb peak;  /* 2 flux / area of the ellipse, W/m^2 */
 } CausticPhoton;
 
-typedef struct CausticBox {
-    Vec3 low, high;
-} CausticBox;
+enum { CAUSTIC_LANES = 8 };
 
-/* Node i over `count` blocks has its left child, over half of them (rounded up), at i + 1, and its
- * right one at i + 2 * that half. A node over one block is a leaf. */
+/* Eight photons side by side; unused lanes are all zero and light nothing. */
+typedef struct CausticBlock {
+    float p[3][CAUSTIC_LANES], n[3][CAUSTIC_LANES];
+    float u[3][CAUSTIC_LANES], v[3][CAUSTIC_LANES];
+    float peak[3][CAUSTIC_LANES];
+    float height2[CAUSTIC_LANES]; /* square of how far off its plane it lights surfaces, m^2 */
+} CausticBlock;
+
+/* Boxes of eight children side by side. child > 0: node; child < 0: block ~child; 0: unused, and no
+ * point is in its box. */
+typedef struct CausticNode {
+    float low[3][CAUSTIC_LANES], high[3][CAUSTIC_LANES];
+    int32_t child[CAUSTIC_LANES];
+} CausticNode;
+
 typedef struct CausticTree {
-    CausticPhoton *photons;
-    CausticBox *boxes; /* by node, 2 * blocks - 1 */
-    double *flux;      /* of the blocks before each, and of all: blocks + 1; mean of channels, W */
-    uint64_t photon_count, block_count;
+    CausticNode *nodes; /* nodes[0] is the root */
+    CausticBlock *blocks;
+    double *flux; /* of the blocks before each, and of all: blocks + 1; mean of channels, W */
+    uint64_t photon_count, block_count, node_count;
 } CausticTree;
 
 /* Sorts the photons in place: halves at the median of their size, as long as sizes differ by much,
- * then at the median along the longest side, on multiples of eight.
- * The tree takes them over; on failure they are freed. The order depends on them alone, never on
- * threads. photon_count >= 1. */
+ * then at the median along the longest side, on multiples of eight. The order depends on them
+ * alone, never on threads. photon_count >= 1. */
 AmbStatus caustic_tree_build(CausticPhoton *photons, uint64_t photon_count, Job *job,
                              CausticTree *out_tree);
 void caustic_tree_clear(CausticTree *tree);
-
-/* Sum of irradiance at a point of a surface with unit normal n on the side that is asked for. Of
- * each photon it is 1 / (1 + peak dimmed), peak the mean of its channels; dimmed 0: all, m^2/W. */
-Rgb caustic_tree_irradiance(const CausticTree *tree, Vec3 p, Vec3 n, float dimmed);
 
 /* A place that a photon lights. */
 typedef struct CausticPoint {

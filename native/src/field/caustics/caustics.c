@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "base/memory.h"
-#include "field/caustics/caustic_tree.h"
+#include "field/caustics/caustic_gather.h"
 
 enum { GRAIN = 4096 };
 
@@ -27,6 +27,7 @@ struct CausticMap {
     CausticTree trees[CAUSTIC_PART_MAX]; /* no photons: empty */
     CausticTree glow[GLOW_ORDER_COUNT][CAUSTIC_PART_MAX];
     uint32_t part_count;
+    CausticGather gather;
     float density_scale; /* over peaks, 1/W: see CausticPoint */
     CausticAccount account;
 };
@@ -117,8 +118,8 @@ static double typical_area(const LightField *light) {
 }
 
 static void account_tree(const CausticTree *tree, CausticMap *map) {
-    map->account.bytes += tree->photon_count * sizeof(CausticPhoton) +
-                          (2 * tree->block_count - 1) * sizeof(CausticBox) +
+    map->account.bytes += tree->block_count * sizeof(CausticBlock) +
+                          tree->node_count * sizeof(CausticNode) +
                           (tree->block_count + 1) * sizeof *tree->flux;
 }
 
@@ -161,7 +162,9 @@ static AmbStatus build_part(const LightField *light, Placement *placement, uint3
         return status;
     }
     CausticTree *tree = &map->trees[part];
-    AMB_TRY(caustic_tree_build(placement->photons, count, job, tree));
+    status = caustic_tree_build(placement->photons, count, job, tree);
+    memory_free(placement->photons);
+    AMB_TRY(status);
     map->account.photon_count += tree->photon_count;
     account_tree(tree, map);
     return AMB_OK;
@@ -209,7 +212,9 @@ static AmbStatus build_glow_part(const PhotonLandings *landings, const CausticPh
     for (uint64_t i = 0; i < landings->count; ++i)
         if (part_of(map, landings->list[i].rank) == part)
             some[placed++] = photons[i];
-    AMB_TRY(caustic_tree_build(some, count, job, tree));
+    const AmbStatus status = caustic_tree_build(some, count, job, tree);
+    memory_free(some);
+    AMB_TRY(status);
     account_tree(tree, map);
     return AMB_OK;
 }
@@ -269,6 +274,7 @@ AmbStatus caustics_create(const AmbScene *scene, const CausticParams *params, Jo
     if (map == NULL)
         return status_fail(AMB_OUT_OF_MEMORY, "no memory for caustics");
     map->part_count = params->part_count > 0 ? params->part_count : 1;
+    map->gather = caustic_gather_select();
     AmbStatus status = AMB_OK;
     if (params->light.ray_count > 0)
         status = create_bent(scene, params, job, map);
@@ -293,18 +299,18 @@ void caustics_destroy(CausticMap *map) {
     memory_free(map);
 }
 
-static Rgb sum_parts(const CausticTree *trees, uint32_t part_count, Vec3 p, Vec3 n, uint32_t part,
+static Rgb sum_parts(const CausticMap *map, const CausticTree *trees, Vec3 p, Vec3 n, uint32_t part,
                      float dimmed) {
-    const bool is_part = part > 0 && part_count > 1;
+    const bool is_part = part > 0 && map->part_count > 1;
     Rgb sum = rgb(0, 0, 0);
-    for (uint32_t k = 0; k < part_count; ++k)
+    for (uint32_t k = 0; k < map->part_count; ++k)
         if (trees[k].photon_count > 0 && (!is_part || part == k + 1))
-            sum = rgb_add(sum, caustic_tree_irradiance(&trees[k], p, n, dimmed));
-    return is_part ? rgb_scale(sum, (float)part_count) : sum;
+            sum = rgb_add(sum, map->gather(&trees[k], p, n, dimmed));
+    return is_part ? rgb_scale(sum, (float)map->part_count) : sum;
 }
 
 Rgb caustics_irradiance(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part) {
-    return sum_parts(map->trees, map->part_count, p, n, part, 0.0f);
+    return sum_parts(map, map->trees, p, n, part, 0.0f);
 }
 
 Rgb caustics_irradiance_by_rays(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part,
@@ -312,7 +318,7 @@ Rgb caustics_irradiance_by_rays(const CausticMap *map, Vec3 p, Vec3 n, uint32_t 
     if (!(density > 0.0f))
         return rgb(0, 0, 0);
     const float dimmed = fminf(map->density_scale / density, FLT_MAX);
-    return sum_parts(map->trees, map->part_count, p, n, part, dimmed);
+    return sum_parts(map, map->trees, p, n, part, dimmed);
 }
 
 bool caustics_choose(const CausticMap *map, uint32_t part, Sample2 choice, Sample2 place,
@@ -342,7 +348,7 @@ bool caustics_choose(const CausticMap *map, uint32_t part, Sample2 choice, Sampl
 CausticGlow caustics_glow(const CausticMap *map, Vec3 p, Vec3 n, uint32_t part) {
     CausticGlow glow;
     for (uint32_t i = 0; i < GLOW_ORDER_COUNT; ++i)
-        glow.orders[i] = sum_parts(map->glow[i], map->part_count, p, n, part, 0.0f);
+        glow.orders[i] = sum_parts(map, map->glow[i], p, n, part, 0.0f);
     return glow;
 }
 
