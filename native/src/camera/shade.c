@@ -50,6 +50,11 @@ static const float SURVIVAL_MAX = 0.95f;
 /* A walk is tried, or left out, that often at least. */
 static const float WALK_MIN = 0.1f;
 
+/* The map's light on surfaces that light others is looked up that often: they spread it, and bright
+ * photons are chosen as lamps, so that it hardly adds noise; lookups at every bounce were most of
+ * the time in closed bright rooms. */
+static const float LOOK_CHANCE = 0.25f;
+
 /* The way back of light that arrives at an opaque surface. */
 typedef struct LightPath {
     Vec3 o, d;
@@ -309,7 +314,7 @@ static void add_glow(Walker *walker, const SurfacePoint *surface, Vec3 ng, Rgb w
     static const uint32_t bits[CAMERA_ORDER_COUNT] = {
         AMB_EFFECT_SINGLE_SCATTERING, AMB_EFFECT_DOUBLE_SCATTERING, AMB_EFFECT_MULTIPLE_SCATTERING};
     const CameraParams *params = walker->params;
-    if (params->caustics == NULL || params->glow == 0 || !(rgb_max(weight) > 0.0f))
+    if (params->glow == 0 || !(rgb_max(weight) > 0.0f))
         return;
     const CausticGlow glow = caustics_glow(params->caustics, surface->p, ng, walker->part);
     for (uint32_t k = 0; k < CAMERA_ORDER_COUNT; ++k) {
@@ -318,6 +323,15 @@ static void add_glow(Walker *walker, const SurfacePoint *surface, Vec3 ng, Rgb w
         walk_add(walker, walker->scattered + k + 1,
                  rgb_scale(rgb_mul(weight, glow.orders[k]), 1.0f / AMB_PI));
     }
+}
+
+/* Weight of the map's light, 0 where it is left out. */
+static float choose_look(Walker *walker, const Asked *asked) {
+    if (walker->params->caustics == NULL)
+        return 0.0f;
+    if (asked->density == INFINITY)
+        return 1.0f;
+    return walker_random(walker) < LOOK_CHANCE ? 1.0f / LOOK_CHANCE : 0.0f;
 }
 
 static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
@@ -330,16 +344,18 @@ static DiffuseLight shade(Walker *walker, const SurfacePoint *surface, Vec3 d,
     const Rgb straight = lamp_irradiance(walker, surface, stack, ng, ns, asked.meets_lamps);
     LedgerClock *clock = &walker->clock;
     LedgerEntry before = ledger_open(clock, LEDGER_CAUSTICS);
-    const Rgb bent =
-        map != NULL ? caustics_irradiance_by_rays(map, surface->p, ng, walker->part, asked.density)
-                    : rgb(0, 0, 0);
+    const float looks = choose_look(walker, &asked);
+    Rgb bent = rgb(0, 0, 0);
+    if (looks > 0.0f)
+        bent = rgb_scale(
+            caustics_irradiance_by_rays(map, surface->p, ng, walker->part, asked.density), looks);
     ledger_close(clock, before);
     const Rgb lamps = rgb_scale(rgb_add(straight, bent), 1.0f / AMB_PI);
     before = walker->way.returns              ? ledger_open(clock, LEDGER_RETURN)
              : walker->params->shines_through ? ledger_open(clock, LEDGER_SURFACES)
              : asked.interreflected > 0.0f    ? ledger_open(clock, LEDGER_INTERREFLECTION)
                                               : clock->entry;
-    add_glow(walker, surface, ng, rgb_mul(glow, albedo));
+    add_glow(walker, surface, ng, rgb_scale(rgb_mul(glow, albedo), looks));
     LightSum others = light_of_surroundings(walker, surface, stack, ng, ns, rgb_mul(glow, albedo),
                                             asked.interreflected, asked.scattered);
     if (asked.interreflected > 0.0f && map != NULL)
