@@ -7,14 +7,13 @@
 #include "base/memory.h"
 #include "base/rng.h"
 #include "field/scatter/lobe.h"
+#include "field/scatter/solids.h"
 #include "math/sampling.h"
 
 enum {
     LINES_PER_CUBE = 4, /* along an edge: lines on which volumes are measured */
     NODE_MAX = 1 << 24, /* nodes times layers */
-    CROSSING_MAX = 256, /* surfaces along one line */
-    PROBES = 256,       /* lines that ask whether an opaque object is closed */
-    ROOM_MAX = 8        /* opaque solids around the camera, one in another */
+    CROSSING_MAX = 256  /* surfaces along one line */
 };
 
 /* Layers begin this thin, in mean free paths of the densest channel, then each is thicker than the
@@ -142,17 +141,6 @@ static void place_lobes(ScatterCells *cells) {
 
 /* ---- Volumes --------------------------------------------------------------------------------- */
 
-typedef struct ObjectList {
-    uint32_t objects[ROOM_MAX];
-    uint32_t count;
-} ObjectList;
-
-/* Where opaque objects leave no light that is seen. */
-typedef struct Solids {
-    bool *is_solid;   /* by object: closed, so that light inside and outside never mix */
-    ObjectList rooms; /* solids that the camera is in: what is seen is inside of them */
-} Solids;
-
 typedef struct Measure {
     const AmbScene *scene;
     const ScatterCells *cells;
@@ -249,122 +237,16 @@ static void measure_stretch(const Measure *measure, Vec3 o, Vec3 d, float length
     }
 }
 
-/* Whether a line along d comes from inside of the surface's object. */
-static bool is_left(const SurfacePoint *wall, Vec3 d) {
-    return vec3_dot(d, wall->ng) > 0.0f;
-}
-
-/* Whether the line from a surface along d, into its object, comes out of that again. */
-static bool comes_out(const AmbScene *scene, const SurfacePoint *from, Vec3 d) {
-    Vec3 o = scene_leave(from, d);
-    for (int i = 0; i < CROSSING_MAX; ++i) {
-        Hit hit;
-        if (!scene_intersect(scene, o, d, INFINITY, &hit))
-            return false;
-        const SurfacePoint surface = scene_surface(scene, &hit);
-        if (surface.object == from->object)
-            return is_left(&surface, d);
-        o = scene_leave(&surface, d);
-    }
-    return false;
-}
-
-/* Whether an object is closed: from a sheet, or a room that can be looked into, some line goes on
- * for ever. One along the axes alone would pass the opening by. */
-static bool is_closed(const AmbScene *scene, uint32_t object) {
-    const uint64_t count = scene->meshes[scene->objects[object].mesh].triangle_count;
-    for (uint32_t i = 0; i < PROBES && count > 0; ++i) {
-        const Rng rng = {rng_mix(i + 1)};
-        const float root = sqrtf(rng_float(rng, 0)), part = rng_float(rng, 1);
-        const Hit hit = {.geometry = object,
-                         .triangle = (uint32_t)(rng_mix(rng.key) % count),
-                         .u = root * (1.0f - part),
-                         .v = root * part};
-        const SurfacePoint from = scene_surface(scene, &hit);
-        if (!(vec3_dot(from.ng, from.ng) > 0.5f))
-            continue; /* without an area */
-        Vec3 x, y;
-        vec3_frame(from.ng, &x, &y);
-        const Sample2 u = {rng_float(rng, 2), rng_float(rng, 3)};
-        const Vec3 d = frame_to_world(x, y, from.ng, sample_cosine_hemisphere(u));
-        if (!comes_out(scene, &from, vec3_negate(d)))
-            return false;
-    }
-    return count > 0;
-}
-
-static bool is_listed(const ObjectList *list, uint32_t object) {
-    for (uint32_t i = 0; i < list->count; ++i)
-        if (list->objects[i] == object)
-            return true;
-    return false;
-}
-
-/* A line leaves those that its beginning is in without having entered. */
-static void find_rooms(const AmbScene *scene, Solids *solids) {
-    const CameraRay ray = camera_ray(&scene->camera, 0.5f, 0.5f, (Sample2){0.5f, 0.5f});
-    ObjectList met = {.count = 0};
-    Vec3 o = ray.o;
-    for (int i = 0; i < CROSSING_MAX && met.count < ROOM_MAX; ++i) {
-        Hit hit;
-        if (!scene_intersect(scene, o, ray.d, INFINITY, &hit))
-            return;
-        const SurfacePoint wall = scene_surface(scene, &hit);
-        o = scene_leave(&wall, ray.d);
-        if (!solids->is_solid[wall.object] || is_listed(&met, wall.object))
-            continue;
-        met.objects[met.count++] = wall.object;
-        if (is_left(&wall, ray.d))
-            solids->rooms.objects[solids->rooms.count++] = wall.object;
-    }
-}
-
-/* Of those that may be in the object, or around it. */
-static AmbStatus find_solids(const AmbScene *scene, uint32_t object, Job *job, Solids *solids) {
-    solids->is_solid = memory_zero_array(scene->object_count, sizeof *solids->is_solid);
-    if (solids->is_solid == NULL)
-        return status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
-    for (uint32_t o = 0; o < scene->object_count; ++o) {
-        if (job_is_cancelled(job))
-            return AMB_CANCELLED;
-        const SceneObject *other = &scene->objects[o];
-        solids->is_solid[o] = !other->is_boundary &&
-                              scene_boxes_meet(other, &scene->objects[object]) &&
-                              is_closed(scene, o);
-    }
-    find_rooms(scene, solids);
-    return AMB_OK;
-}
-
-/* How many of the camera's rooms the beginning of a line is outside of. */
-static int count_rooms_outside(const AmbScene *scene, const ObjectList *rooms, Vec3 o, Vec3 d) {
-    int outside = (int)rooms->count;
-    ObjectList met = {.count = 0};
-    for (int i = 0; i < CROSSING_MAX && met.count < rooms->count; ++i) {
-        Hit hit;
-        if (!scene_intersect(scene, o, d, INFINITY, &hit))
-            break;
-        const SurfacePoint wall = scene_surface(scene, &hit);
-        o = scene_leave(&wall, d);
-        if (!is_listed(rooms, wall.object) || is_listed(&met, wall.object))
-            continue;
-        met.objects[met.count++] = wall.object;
-        outside -= is_left(&wall, d) ? 1 : 0;
-    }
-    return outside;
-}
-
 /* Follows a line through all boundaries: what is inside is known exactly. */
 static void measure_line(const Measure *measure, Vec3 o, Vec3 d, float area) {
     const AmbScene *scene = measure->scene;
     MediumStack stack = scene_media_at(scene, o);
-    int opaque = 0; /* solids around, but for the camera's rooms */
-    int outside = count_rooms_outside(scene, &measure->solids->rooms, o, d);
+    SolidsAround around = solids_around(scene, measure->solids, o, d);
     for (int i = 0; i < CROSSING_MAX; ++i) {
         Hit hit;
         if (!scene_intersect(scene, o, d, INFINITY, &hit))
             return;
-        if (opaque == 0 && outside == 0 && stack.count > 0 &&
+        if (around.hiding == 0 && around.missing == 0 && stack.count > 0 &&
             medium_stack_top(&stack) == measure->object)
             measure_stretch(measure, o, d, hit.t, area);
         const SurfacePoint surface = scene_surface(scene, &hit);
@@ -378,11 +260,8 @@ static void measure_line(const Measure *measure, Vec3 o, Vec3 d, float area) {
                 wall = crossing.surface;
             }
         }
-        const int change = is_left(&wall, d) ? -1 : 1;
-        if (is_opaque && is_listed(&measure->solids->rooms, wall.object))
-            outside -= change;
-        else if (is_opaque && measure->solids->is_solid[wall.object])
-            opaque = opaque + change > 0 ? opaque + change : 0;
+        if (is_opaque)
+            solids_pass(measure->solids, &wall, d, &around);
         o = scene_leave(&surface, d);
     }
 }
@@ -455,7 +334,7 @@ static AmbStatus number_cells(const Measure *measure, ScatterCells *cells) {
 static AmbStatus measure_volumes(const AmbScene *scene, uint32_t object, Job *job,
                                  ScatterCells *cells) {
     const uint64_t count = node_count(cells) * cells->layer_count;
-    Solids solids = {.rooms = {.count = 0}};
+    Solids solids = {.is_solid = NULL};
     Measure measure = {.scene = scene,
                        .cells = cells,
                        .solids = &solids,
@@ -467,12 +346,12 @@ static AmbStatus measure_volumes(const AmbScene *scene, uint32_t object, Job *jo
     if (measure.volumes == NULL || cells->columns == NULL)
         status = status_fail(AMB_OUT_OF_MEMORY, "no memory for scattered light");
     if (status == AMB_OK)
-        status = find_solids(scene, object, job, &solids);
+        status = solids_find(scene, object, job, &solids);
     for (int axis = 0; status == AMB_OK && axis < 3; ++axis)
         status = measure_axis(&measure, axis);
     if (status == AMB_OK)
         status = number_cells(&measure, cells);
-    memory_free(solids.is_solid);
+    solids_clear(&solids);
     memory_free(measure.volumes);
     return status;
 }
