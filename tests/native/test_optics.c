@@ -88,6 +88,24 @@ static void dielectric_limits(void) {
     }
 }
 
+/* From an index of 10 into one of 0.1, the most that is taken: eta^2 is 1e4, and rounded. */
+static void dielectric_keeps_normal_incidence(void) {
+    uint64_t state = 4;
+    double worst = 0.0;
+    for (int i = 0; i < 10000; ++i) {
+        const double eta = exp(test_uniform(&state, log(0.01), log(100.0)));
+        const float normal = split_at(1.0, eta).cos_t;
+        ENSURE_NEAR(normal, 1.0, 0);
+        const double c = 1.0 - exp(test_uniform(&state, log(1e-7), log(1e-4)));
+        const DielectricSplit s = split_at(c, eta);
+        const double cos_i = (double)s.cos_i, sin2_t = eta * eta * (1.0 - cos_i) * (1.0 + cos_i);
+        ENSURE(s.cos_t <= 1.0f);
+        if (sin2_t < 0.5)
+            worst = test_worse(worst, fabs((double)s.cos_t - sqrt(1.0 - sin2_t)));
+    }
+    ENSURE_NEAR(worst, 0.0, 2e-7);
+}
+
 static void dielectric_is_exact_without_boundary(void) {
     uint64_t state = 2;
     for (int i = 0; i < 1000; ++i) {
@@ -412,6 +430,7 @@ void test_optics(void);
 void test_optics(void) {
     RUN(dielectric_matches_fresnel_and_snell);
     RUN(dielectric_limits);
+    RUN(dielectric_keeps_normal_incidence);
     RUN(dielectric_is_exact_without_boundary);
     RUN(dielectric_is_reciprocal);
     RUN(dielectric_mean_reflectance);

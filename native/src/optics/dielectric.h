@@ -26,8 +26,11 @@ static inline DielectricSplit dielectric_split(Vec3 d, Vec3 n, float eta) {
         s.refracted = d;
         return s;
     }
-    /* Not 1 - eta^2 (1 - c^2), which loses a grazing cosine to rounding where eta is near 1. */
-    const float cos2_t = (1.0f - eta) * (1.0f + eta) + eta * eta * (c * c);
+    /* 1 - eta^2 (1 - c^2), which would lose a grazing cosine to rounding where eta is near 1, as
+     * the other sum loses one along the normal where eta is large. */
+    const float eta2 = eta * eta, c2 = c * c;
+    const float cos2_t = c2 > 0.5f ? 1.0f - eta2 * ((1.0f - c) * (1.0f + c))
+                                   : (1.0f - eta) * (1.0f + eta) + eta2 * c2;
     if (!(cos2_t > 0.0f)) {
         s.cos_t = 0.0f;
         s.reflectance = 1.0f;
