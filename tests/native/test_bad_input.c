@@ -257,6 +257,20 @@ static void later_orders_in_an_open_mesh(void) {
     demo_free(&demo);
 }
 
+/* A sun is seen from within a medium that no face ends, and that is clear. */
+static void suns_seen_out_of_an_open_mesh(void) {
+    Demo demo = small_demo();
+    demo.shape.triangle_count -= demo.shape.triangle_count / 4;
+    demo.has_ground = false;
+    demo.material = shape_resin(1.5f, 0.0f, 0.0f, 0.0f);
+    amb_light_init(&demo.light, AMB_LIGHT_SUN);
+    demo.light.angle = 3.0f;
+    demo.params.effects = AMB_EFFECT_BACKGROUND | AMB_EFFECT_LAMP_IMAGES;
+    demo.params.camera_bounces = 4;
+    check_demo(&demo, "a sun out of an open sphere");
+    demo_free(&demo);
+}
+
 /* Far from the middle of the scene coordinates are 0.008 apart, and free paths 150 times shorter:
  * paths did not move, nor end. */
 static void free_paths_below_resolution(void) {
@@ -704,6 +718,7 @@ void test_bad_input(void) {
     RUN(lobes_too_sharp_for_photons_are_named);
     RUN(scales_whose_cubes_overflow);
     RUN(later_orders_in_an_open_mesh);
+    RUN(suns_seen_out_of_an_open_mesh);
     RUN(free_paths_below_resolution);
     RUN(normals_that_are_none);
     RUN(positions_that_are_none);

@@ -217,8 +217,9 @@ static void follow(Walker *walker, Branch branch) {
 
 /* Lamps on the way of a branch that has met a boundary; to the eye itself they are invisible, as in
  * Cycles. An observer does not see them, either: small and bright, they would be all that few
- * probes tell. Lamps of the world's image are seen there. */
-static void see_lamps(Walker *walker, const Branch *branch, float length) {
+ * probes tell. Lamps of the world's image are seen there. The branch goes on for `length`, through
+ * `inside` of it in its medium. */
+static void see_lamps(Walker *walker, const Branch *branch, float length, float inside) {
     const AmbScene *scene = walker->scene;
     if (walker->observer != NULL || branch->depth == 0 ||
         (walker->params->effects & AMB_EFFECT_LAMP_IMAGES) == 0)
@@ -232,10 +233,10 @@ static void see_lamps(Walker *walker, const Branch *branch, float length) {
         if (!(rgb_max(radiance) > 0.0f))
             continue;
         Rgb arriving = rgb_mul(branch->throughput, radiance);
-        if (branch->stack.count > 0)
-            arriving = rgb_mul(
-                arriving,
-                medium_transmittance(&medium_stack_material(scene, &branch->stack)->medium, t));
+        if (branch->stack.count > 0) {
+            const SceneMaterial *material = medium_stack_material(scene, &branch->stack);
+            arriving = rgb_mul(arriving, medium_transmittance(&material->medium, fminf(t, inside)));
+        }
         walker->out->lamps = rgb_add(walker->out->lamps, arriving);
     }
 }
@@ -246,9 +247,10 @@ static void follow_arrival(Walker *walker, Branch branch) {
     BoundaryArrival arrival;
     MediumStack end = branch.stack;
     const bool is_hit = boundary_find(scene, &end, branch.o, branch.d, branch.t_max, &arrival);
-    see_lamps(walker, &branch, is_hit ? arrival.t : branch.t_max);
+    /* A medium that an open mesh does not end is as large as the scene. */
+    const float length = is_hit ? arrival.t : fminf(branch.t_max, scene_end(scene, branch.o));
+    see_lamps(walker, &branch, is_hit ? arrival.t : branch.t_max, length);
     if (is_inside) {
-        const float length = is_hit ? arrival.t : fminf(branch.t_max, scene_end(scene, branch.o));
         if (!is_hit && !isfinite(branch.t_max))
             scene_leaks_add(&walker->out->leaks, 1, medium_stack_top(&branch.stack));
         pass_medium(walker, &branch, length);
