@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from api import handles, library
-from planner_scenes import SCENES, PlannerScene, spot
+from planner_scenes import SCENES, Body, PlannerScene, cube, spot
 from planner_shares import (
     BOUNCES,
     COUNTS,
@@ -281,3 +281,13 @@ def test_later_orders_are_more_than_few_walks_find() -> None:
             scene, width=32, height=32, accuracy=0.05, light_samples=2**16, seed=seed, samples=1
         )
         assert effects(plan)["multiple scattering"]["share"]["value"] > 0.4 * known, seed
+
+
+def test_a_camera_in_a_medium_sees_what_it_scatters() -> None:
+    """Fog around the camera, in an even world: light that leaves it never met its boundary."""
+    fog = Body(sigma_s=0.4, ior=1.0, mesh=cube, size=10.0)
+    scene = PlannerScene("in fog", (fog,), (), world=1.0)
+    surroundings = effects(explain(scene))["light of the surroundings in media"]
+    assert surroundings["share"]["low"] > 0.5, surroundings
+    (image,), _ = render_passes(scene, 16, effects_are_auto=1, samples=16)
+    assert image.mean() == pytest.approx(1.0, abs=0.03)

@@ -326,13 +326,15 @@ static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
     const Sample2 lens = walker_random2(&walker);
     const CameraRay ray = camera_ray(&scene->camera, ((float)x + jitter.u) / (float)params->width,
                                      ((float)y + jitter.v) / (float)params->height, lens);
+    const MediumStack stack =
+        params->may_start_inside ? scene_media_at(scene, ray.o) : (MediumStack){.count = 0};
+    const uint32_t object = stack.count > 0 ? medium_stack_top(&stack) : UINT32_MAX;
     follow(&walker, (Branch){.o = ray.o,
                              .d = ray.d,
                              .t_max = ray.t_max,
                              .throughput = {1, 1, 1},
-                             .way = {.object = UINT32_MAX},
-                             .stack = params->may_start_inside ? scene_media_at(scene, ray.o)
-                                                               : (MediumStack){.count = 0}});
+                             .way = {.object = object},
+                             .stack = stack});
     if (walker.clock.ledger != NULL)
         ledger_switch(&walker.clock, LEDGER_RAYS, UINT32_MAX);
     if (sample.depth != CAMERA_DEPTH_NONE)

@@ -95,7 +95,8 @@ AmbStatus camera_samples(const AmbScene *scene, const Field *field, const Camera
 typedef struct CameraWay {
     uint32_t effects; /* AMB_EFFECT_SURFACE_REFLECTION, _BACKGROUND, _INTERREFLECTION */
     uint32_t bounces; /* internal reflections */
-    uint32_t object;  /* whose boundary the branch met last; UINT32_MAX: none */
+    uint32_t object;  /* whose boundary the branch met last, or whose medium the lens is in;
+                       * UINT32_MAX: none */
     bool returns;     /* into a medium, from an opaque surface that has it from another one or from
                        * a medium */
 } CameraWay;
