@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * Status records, memory, random numbers, parallel loops. */
+ * Status records, memory, random numbers, order, parallel loops. */
 #include <pthread.h>
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/order.h"
 #include "base/parallel.h"
 #include "base/rng.h"
 #include "base/status.h"
@@ -193,6 +194,48 @@ static void rng_depends_on_its_indices_alone(void) {
     ENSURE(base != rng_float(rng_create(1, RNG_STAGE_LIGHT, 5), 1));
 }
 
+/* ---- Order ----------------------------------------------------------------------------------- */
+
+typedef struct Ranked {
+    float key;
+    uint32_t id;
+} Ranked;
+
+static bool ranked_before(const void *first, const void *second, const void *user) {
+    const Ranked *a = first, *b = second;
+    return *(const float *)user * a->key < *(const float *)user * b->key;
+}
+
+/* Lists of all lengths, sorted, turned around, alike and by chance; keys that are no numbers must
+ * not hang it, and nothing gets lost. */
+static void order_selects_any_rank(void) {
+    enum { LENGTH_MAX = 67, KINDS = 5 };
+    uint64_t state = 3;
+    int wrong = 0;
+    for (uint32_t count = 1; count <= LENGTH_MAX; ++count)
+        for (int kind = 0; kind < KINDS; ++kind)
+            for (uint32_t rank = 0; rank < count; ++rank) {
+                Ranked list[LENGTH_MAX];
+                for (uint32_t i = 0; i < count; ++i) {
+                    const float keys[KINDS] = {(float)i, -(float)i, 1.0f,
+                                               (float)(int)test_uniform(&state, 0, 9),
+                                               i % 3 == 1 ? NAN : (float)(i % 7)};
+                    list[i] = (Ranked){keys[kind], i};
+                }
+                const float sign = rank % 2 == 0 ? 1.0f : -1.0f;
+                order_select(list, sizeof list[0], count, rank, ranked_before, &sign);
+                uint32_t ids = 0;
+                for (uint32_t i = 0; i < count; ++i) {
+                    ids += list[i].id;
+                    const Ranked *low = &list[i < rank ? i : rank];
+                    const Ranked *high = &list[i < rank ? rank : i];
+                    wrong += kind < 4 && ranked_before(high, low, &sign) ? 1 : 0;
+                }
+                wrong += ids != count * (count - 1) / 2;
+            }
+    ENSURE(wrong == 0);
+}
+
 /* ---- Parallel loops -------------------------------------------------------------------------- */
 
 enum { ITEM_MAX = 2000 };
@@ -358,6 +401,7 @@ void test_base(void) {
     RUN(memory_fails_on_demand);
     RUN(rng_is_uniform_along_every_index);
     RUN(rng_depends_on_its_indices_alone);
+    RUN(order_selects_any_rank);
     RUN(parallel_for_visits_every_index_once);
     RUN(parallel_for_hands_the_first_error_to_its_caller);
     RUN(parallel_for_stops_when_cancelled);

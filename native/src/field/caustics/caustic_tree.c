@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/order.h"
 
 enum {
     TOP_LEVELS = 6, /* divided level by level, side by side; below, whole subtrees are */
@@ -47,32 +48,9 @@ static float photon_key(const CausticPhoton *photon, int axis) {
     return 1.0f / fminf(vec3_dot(photon->u, photon->u), vec3_dot(photon->v, photon->v));
 }
 
-static bool photon_before(const CausticPhoton *a, const CausticPhoton *b, int axis) {
+static bool photon_before(const void *a, const void *b, const void *user) {
+    const int axis = *(const int *)user;
     return photon_key(a, axis) < photon_key(b, axis);
-}
-
-/* Moves the `rank` first photons along the axis to the front (Hoare's selection). */
-static void select_photons(CausticPhoton *photons, uint64_t count, uint64_t rank, int axis) {
-    uint64_t low = 0, high = count - 1;
-    while (low < high) {
-        const CausticPhoton pivot = photons[low + (high - low) / 2];
-        uint64_t i = low, k = high;
-        for (;;) {
-            while (photon_before(&photons[i], &pivot, axis))
-                ++i;
-            while (photon_before(&pivot, &photons[k], axis))
-                --k;
-            if (i >= k)
-                break;
-            const CausticPhoton swap = photons[i];
-            photons[i++] = photons[k];
-            photons[k--] = swap;
-        }
-        if (rank <= k)
-            high = k;
-        else
-            low = k + 1;
-    }
 }
 
 static uint64_t block_end(const CausticTree *tree, uint64_t block) {
@@ -116,7 +94,9 @@ static void halve(const Builder *builder, const Task *task) {
     const uint64_t begin = task->first * CAUSTIC_LANES;
     const uint64_t count = block_end(builder->tree, task->first + task->count) - begin;
     CausticPhoton *photons = builder->photons + begin;
-    select_photons(photons, count, left_count(task) * CAUSTIC_LANES, longest_axis(photons, count));
+    const int axis = longest_axis(photons, count);
+    order_select(photons, sizeof *photons, count, left_count(task) * CAUSTIC_LANES, photon_before,
+                 &axis);
 }
 
 /* Semi-axis vectors of the ellipse from the covectors u, v: the dual basis in the plane. */

@@ -2,6 +2,8 @@
  * A balanced tree of places, and its search. */
 #include "field/caustics/neighbours.h"
 
+#include "base/order.h"
+
 /* As in caustic_tree.c. */
 static const float NORMAL_COS_MIN = 0.5f;
 
@@ -20,35 +22,17 @@ static int longest_axis(const Place *places, uint64_t count) {
     return side.z > component(side, axis) ? 2 : axis;
 }
 
-/* Hoare's selection: the place of that rank along the axis comes to its index. */
-static void select_place(Place *places, uint64_t count, uint64_t rank, int axis) {
-    uint64_t low = 0, high = count - 1;
-    while (low < high) {
-        const float pivot = component(places[low + (high - low) / 2].p, axis);
-        uint64_t i = low, k = high;
-        for (;;) {
-            while (component(places[i].p, axis) < pivot)
-                ++i;
-            while (pivot < component(places[k].p, axis))
-                --k;
-            if (i >= k)
-                break;
-            const Place swap = places[i];
-            places[i++] = places[k];
-            places[k--] = swap;
-        }
-        if (rank <= k)
-            high = k;
-        else
-            low = k + 1;
-    }
+static bool place_before(const void *first, const void *second, const void *user) {
+    const Place *a = first, *b = second;
+    const int axis = *(const int *)user;
+    return component(a->p, axis) < component(b->p, axis);
 }
 
 void neighbours_sort(Place *places, uint64_t count) {
     while (count > 1) {
         const uint64_t middle = count / 2;
         const int axis = longest_axis(places, count);
-        select_place(places, count, middle, axis);
+        order_select(places, sizeof *places, count, middle, place_before, &axis);
         places[middle].axis = (uint32_t)axis;
         neighbours_sort(places, middle);
         places += middle + 1;

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/order.h"
 #include "math/sampling.h"
 
 typedef struct Item {
@@ -87,40 +88,12 @@ static int longest_axis(const Item *items, uint64_t count) {
     return axis;
 }
 
-static bool item_before(const Item *a, const Item *b, int axis) {
+static bool item_before(const void *first, const void *second, const void *user) {
+    const Item *a = first, *b = second;
+    const int axis = *(const int *)user;
     /* The index breaks ties: equal centres must not leave the order to chance. */
     return a->center[axis] < b->center[axis] ||
            (a->center[axis] == b->center[axis] && a->sample < b->sample);
-}
-
-/* Moves the `rank` first items along the axis to the front (Hoare's selection, median of three). */
-static void select_items(Item *items, uint64_t count, uint64_t rank, int axis) {
-    uint64_t low = 0, high = count - 1;
-    while (low < high) {
-        const uint64_t middle = low + (high - low) / 2;
-        Item pivot = items[middle];
-        if (item_before(&items[low], &pivot, axis) != item_before(&items[low], &items[high], axis))
-            pivot = items[low];
-        else if (item_before(&items[high], &pivot, axis) !=
-                 item_before(&items[high], &items[low], axis))
-            pivot = items[high];
-        uint64_t i = low, k = high;
-        for (;;) {
-            while (item_before(&items[i], &pivot, axis))
-                ++i;
-            while (item_before(&pivot, &items[k], axis))
-                --k;
-            if (i >= k)
-                break;
-            const Item swap = items[i];
-            items[i++] = items[k];
-            items[k--] = swap;
-        }
-        if (rank <= k)
-            high = k;
-        else
-            low = k + 1;
-    }
 }
 
 /* Halves a range of blocks as child_sizes does, `levels` times; stops when the job is cancelled. */
@@ -131,7 +104,8 @@ static void divide(const Builder *builder, uint64_t first, uint64_t blocks, int 
     const uint64_t begin = first * POINT_LANES;
     const uint64_t end = block_end(builder, first + blocks);
     Item *items = builder->items + begin;
-    select_items(items, end - begin, left * POINT_LANES, longest_axis(items, end - begin));
+    const int axis = longest_axis(items, end - begin);
+    order_select(items, sizeof *items, end - begin, left * POINT_LANES, item_before, &axis);
     divide(builder, first, left, levels - 1);
     divide(builder, first + left, blocks - left, levels - 1);
 }

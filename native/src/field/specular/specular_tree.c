@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/order.h"
 
 /* Rounding of single precision in the sums below, in parts of what is summed. */
 static const float ROUNDING = 4e-6f;
@@ -59,48 +60,21 @@ typedef struct Builder {
 } Builder;
 
 /* Place in units of the object and direction, so that one is worth as much as the other. */
-static float coordinate(const Builder *builder, uint64_t i, int axis) {
-    const LineBound *b = &builder->tree->cells[i].bound;
-    const float values[6] = {b->center.x / builder->scale,
-                             b->center.y / builder->scale,
-                             b->center.z / builder->scale,
-                             b->w.x,
-                             b->w.y,
-                             b->w.z};
+static float coordinate(const SpecularCell *cell, float scale, int axis) {
+    const LineBound *b = &cell->bound;
+    const float values[6] = {
+        b->center.x / scale, b->center.y / scale, b->center.z / scale, b->w.x, b->w.y, b->w.z};
     return values[axis];
 }
 
-static void swap_cells(SpecularCell *cells, uint64_t i, uint64_t j) {
-    const SpecularCell cell = cells[i];
-    cells[i] = cells[j];
-    cells[j] = cell;
-}
+typedef struct Along {
+    float scale;
+    int axis;
+} Along;
 
-/* Orders cells begin .. end-1 so that the one that belongs at `middle` is there, smaller ones
- * before it and larger ones after it (Hoare's selection). */
-static void select_middle(const Builder *builder, uint64_t begin, uint64_t end, uint64_t middle,
-                          int axis) {
-    SpecularCell *cells = builder->tree->cells;
-    while (end - begin > 1) {
-        const float pivot = coordinate(builder, begin + (end - begin) / 2, axis);
-        uint64_t i = begin, j = end - 1;
-        for (;;) {
-            while (coordinate(builder, i, axis) < pivot)
-                ++i;
-            while (coordinate(builder, j, axis) > pivot)
-                --j;
-            if (i >= j)
-                break;
-            swap_cells(cells, i++, j--);
-        }
-        /* Cells before i are at most the pivot, cells from i on at least. */
-        if (i == begin)
-            ++i;
-        if (middle < i)
-            end = i;
-        else
-            begin = i;
-    }
+static bool cell_before(const void *a, const void *b, const void *user) {
+    const Along *along = user;
+    return coordinate(a, along->scale, along->axis) < coordinate(b, along->scale, along->axis);
 }
 
 static LineBound bound_of(const LineBound *parts, uint64_t count) {
@@ -129,7 +103,7 @@ static int widest_axis(const Builder *builder, uint64_t begin, uint64_t end) {
     for (int axis = 0; axis < 6; ++axis) {
         float low = INFINITY, high = -INFINITY;
         for (uint64_t i = begin; i < end; ++i) {
-            const float x = coordinate(builder, i, axis);
+            const float x = coordinate(&builder->tree->cells[i], builder->scale, axis);
             low = fminf(low, x);
             high = fmaxf(high, x);
         }
@@ -153,7 +127,9 @@ static AmbStatus sort_cells(const Builder *builder, uint64_t begin, uint64_t end
     while (2 * left < count)
         left *= 2;
     const uint64_t middle = begin + left;
-    select_middle(builder, begin, end, middle, widest_axis(builder, begin, end));
+    const Along along = {builder->scale, widest_axis(builder, begin, end)};
+    order_select(builder->tree->cells + begin, sizeof(SpecularCell), count, left, cell_before,
+                 &along);
     AMB_TRY(sort_cells(builder, begin, middle));
     return sort_cells(builder, middle, end);
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/order.h"
 
 enum {
     CHUNK = 4096,     /* tubes that are divided into patches together, at most */
@@ -39,36 +40,17 @@ static int longest_axis(const LineItem *items, uint64_t count) {
     return axis;
 }
 
-static bool item_before(const LineItem *a, const LineItem *b, int axis) {
+static bool item_before(const void *first, const void *second, const void *user) {
+    const LineItem *a = first, *b = second;
+    const int axis = *(const int *)user;
     /* The index breaks ties: equal places must not leave the order to chance. */
     return a->place[axis] < b->place[axis] ||
            (a->place[axis] == b->place[axis] && a->index < b->index);
 }
 
-/* Hoare's selection. */
 void line_items_divide(LineItem *items, uint64_t count, uint64_t rank) {
     const int axis = longest_axis(items, count);
-    uint64_t low = 0, high = count - 1;
-    while (low < high) {
-        const LineItem pivot = items[low + (high - low) / 2];
-        uint64_t i = low, k = high;
-        for (;;) {
-            while (item_before(&items[i], &pivot, axis))
-                ++i;
-            while (item_before(&pivot, &items[k], axis))
-                --k;
-            if (i >= k)
-                break;
-            const LineItem swap = items[i];
-            items[i++] = items[k];
-            items[k--] = swap;
-        }
-        /* Everything up to k is not after the pivot, everything from k + 1 not before it. */
-        if (rank <= k)
-            high = k;
-        else
-            low = k + 1;
-    }
+    order_select(items, sizeof *items, count, rank, item_before, &axis);
 }
 
 /* Halves are multiples of the largest full subtree that fits, so that nodes of eight are
