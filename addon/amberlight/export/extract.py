@@ -18,6 +18,14 @@ from .extract_world import read_world
 from .scene_data import ObjectData, SceneData
 
 CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}
+# What an object may be hidden from in Cycles, and a light.
+VISIBILITY_OF_LIGHT = (
+    "visible_diffuse",
+    "visible_glossy",
+    "visible_transmission",
+    "visible_volume_scatter",
+)
+VISIBILITY = ("visible_camera", "visible_shadow", *VISIBILITY_OF_LIGHT)
 UNSUPPORTED = {"VOLUME", "POINTCLOUD", "CURVES", "GPENCIL", "GREASEPENCIL"}
 
 
@@ -65,7 +73,7 @@ class _Exporter:
             matrix = instance.matrix_world.copy()
             if placed.type == "LIGHT":
                 where = f'light "{placed.name}"'
-                self.check_linking(placed, where)
+                self.check_lamp(placed, where)
                 light = read_light(placed.data, matrix, where, self.version, self.log)
                 if light:
                     self.data.lights.append(light)
@@ -118,14 +126,24 @@ class _Exporter:
         if linking and (linking.receiver_collection or linking.blocker_collection):
             self.log.warn(where, "light linking is ignored")
 
+    def check_lamp(self, placed: Any, where: str) -> None:
+        self.check_linking(placed, where)
+        if not all(getattr(placed, name) for name in VISIBILITY_OF_LIGHT):
+            self.log.warn(where, "the ray visibility of lights is ignored")
+        if not getattr(getattr(placed.data, "cycles", None), "cast_shadow", True):
+            self.log.warn(where, "a light without shadows casts them")
+
     def check_object(self, placed: Any, where: str) -> None:
         self.check_linking(placed, where)
         for system in placed.particle_systems:
             if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
                 self.log.warn(where, f'the hair of "{system.name}" is left out')
-        if placed.is_holdout or placed.is_shadow_catcher:
+        # An object's own setting, or that of its collections in the view layer.
+        layer, own = self.depsgraph.view_layer, placed.original
+        if own.holdout_get(view_layer=layer) or placed.is_shadow_catcher:
             self.log.warn(where, "holdout and shadow catcher are ignored")
-        if not (placed.visible_camera and placed.visible_shadow and placed.visible_transmission):
+        is_seen = all(getattr(placed, name) for name in VISIBILITY)
+        if not is_seen or own.indirect_only_get(view_layer=layer):
             self.log.warn(where, "the ray visibility of objects is ignored")
 
     def slots(self, placed: Any) -> list[Any]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mathutils import Euler
 
@@ -14,10 +14,9 @@ from .image_nodes import ImageReader, Texture
 from .node_tree import Path, Source
 from .scene_data import BLACK, RGB, WHITE, WorldImageData
 
-if TYPE_CHECKING:
-    pass
-
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+VISIBILITY = ("camera", "diffuse", "glossy", "transmission", "scatter")
 
 Terms = tuple[RGB, list[Texture]]
 NONE: Terms = (BLACK, [])
@@ -30,6 +29,9 @@ def read_world(
     if world is None:
         return BLACK, None
     where = f'world "{world.name}"'
+    visibility = getattr(world, "cycles_visibility", None)
+    if not all(getattr(visibility, name, True) for name in VISIBILITY):
+        log.warn(where, "the ray visibility of the world is ignored")
     if not (world.node_tree and (version >= (5, 0) or world.use_nodes)):
         return (world.color[0], world.color[1], world.color[2]), None
     return _WorldReader(world.node_tree, where, log).read()

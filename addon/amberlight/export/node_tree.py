@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..binding.errors import AmberlightError
-from .conventions import luminance
+from .conventions import blackbody, luminance
 from .export_log import ExportLog
 from .scene_data import RGB
 
@@ -174,6 +174,10 @@ class TreeReader:
             return _default(source.socket)
         if node.type in {"RGB", "VALUE"}:
             return _default(node.outputs[0])
+        if node.type == "LIGHT_PATH" and source.socket.name.startswith("Is "):
+            # Mixes of what the camera sees with what lights the scene are the latter.
+            self.warn(node, "kinds of rays are not told apart, it is 0 for all")
+            return 0.0
         return self.once("value", source, lambda node, path: self._value_of(node, path, depth))
 
     def _value_of(self, node: Any, path: Path, depth: int) -> float | RGB | None:
@@ -184,6 +188,11 @@ class TreeReader:
             a, b = (v if isinstance(v, float) else luminance(v) for v in (a, b))
             value = MATH[node.operation](a, b)
             return min(max(value, 0.0), 1.0) if node.use_clamp else value
+        if node.type == "BLACKBODY":
+            kelvin = self._evaluate(self.source(node.inputs[0], path), depth + 1)
+            if kelvin is None:
+                return None
+            return blackbody(kelvin if isinstance(kelvin, float) else luminance(kelvin))
         if node.type in COMBINE and getattr(node, "mode", "RGB") == "RGB":
             parts = [self._evaluate(self.source(s, path), depth + 1) for s in node.inputs[:3]]
             if all(isinstance(part, float) for part in parts):

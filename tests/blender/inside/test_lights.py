@@ -83,6 +83,23 @@ def test_area_spread_is_named(add_light, export):
     assert export()[1] == ['the spread of an area light is ignored: light "Lamp"']
 
 
+RAYS = ("diffuse", "glossy", "transmission", "volume_scatter")
+
+
+@pytest.mark.parametrize("rays", RAYS)
+def test_hidden_lights_are_named(add_light, export, rays):
+    setattr(add_light("POINT"), f"visible_{rays}", False)
+    assert export()[1] == ['the ray visibility of lights is ignored: light "Lamp"']
+
+
+def test_lights_without_shadows_are_named(add_light, export):
+    lamp = add_light("POINT")
+    if not hasattr(getattr(lamp.data, "cycles", None), "cast_shadow"):
+        pytest.skip("no Cycles")
+    lamp.data.cycles.cast_shadow = False
+    assert export()[1] == ['a light without shadows casts them: light "Lamp"']
+
+
 def test_portal_is_left_out(add_light, export):
     lamp = add_light("AREA")
     if not hasattr(lamp.data, "cycles"):

@@ -249,3 +249,30 @@ def test_nothing_of_blender_is_kept(add_mesh, export):
     data, _ = export()
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     assert triangles_of(data.meshes[0]) and data.objects[0].name == "Quad"
+
+
+@pytest.mark.parametrize(
+    "rays", ["camera", "shadow", "diffuse", "glossy", "transmission", "volume_scatter"]
+)
+def test_hidden_objects_are_named(add_mesh, export, rays):
+    thing = add_mesh("Thing", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    setattr(thing, f"visible_{rays}", False)
+    assert export()[1] == ['the ray visibility of objects is ignored: object "Thing"']
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("holdout", "holdout and shadow catcher are ignored"),
+        ("indirect_only", "the ray visibility of objects is ignored"),
+    ],
+)
+def test_what_a_collection_hides_is_named(add_mesh, export, scene, option, message):
+    thing = add_mesh("Thing", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    inner = bpy.data.collections.new("Inner")
+    scene.collection.children.link(inner)
+    inner.objects.link(thing)
+    scene.collection.objects.unlink(thing)
+    layer = bpy.context.view_layer.layer_collection.children["Inner"]
+    setattr(layer, option, True)
+    assert export()[1] == [f'{message}: object "Thing"']

@@ -165,3 +165,49 @@ def test_priority_is_exported(scene, add_mesh, export):
     assert export()[0].materials[0].priority == 0
     material.amberlight.priority = -3
     assert export()[0].materials[0].priority == -3
+
+
+@pytest.mark.parametrize("kelvin", [900, 1500, 1900, 3000, 5000, 6500, 9000, 20000])
+def test_black_bodies_have_the_colour_of_cycles(scene, world, camera, render_to, export, kelvin):
+    if not hasattr(scene, "cycles"):
+        pytest.skip("this Blender has no Cycles")
+    node = world.tree.nodes.new("ShaderNodeBlackbody")
+    node.inputs["Temperature"].default_value = kelvin
+    world.link(node, world.background, "Color")
+    data, lines = export()
+    assert lines == []
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x = scene.render.resolution_y = 4
+    scene.cycles.samples = 1
+    scene.cycles.use_denoising = False
+    channels = render_to("cycles")
+    seen = np.array([channels[f"ViewLayer.Combined.{c}"].mean() for c in "RGB"])
+    bar = 0.03 if kelvin >= 1500 else 0.1
+    assert np.abs(np.array(data.world) - seen).max() < bar * seen.max()
+
+
+def test_the_camera_sees_the_world_that_lights(world, export):
+    """A world of one colour for the camera and another for all else: the usual mix."""
+    kinds = world.tree.nodes.new("ShaderNodeLightPath")
+    mix = world.tree.nodes.new("ShaderNodeMixShader")
+    shown = world.tree.nodes.new("ShaderNodeBackground")
+    world.tree.links.remove(world.background.inputs["Color"].links[0])
+    world.background.inputs["Color"].default_value = (0.25, 0.5, 1.0, 1.0)
+    world.tree.links.new(kinds.outputs["Is Camera Ray"], mix.inputs[0])
+    world.tree.links.new(world.background.outputs[0], mix.inputs[1])
+    world.tree.links.new(shown.outputs[0], mix.inputs[2])
+    world.link(mix, world.output, "Surface")
+    data, lines = export()
+    assert data.world == (0.25, 0.5, 1.0)
+    assert lines == [
+        'kinds of rays are not told apart, it is 0 for all: world "Sky", node "Light Path"'
+    ]
+
+
+@pytest.mark.parametrize("rays", ["camera", "diffuse", "glossy", "transmission", "scatter"])
+def test_a_hidden_world_is_named(scene, world, export, rays):
+    if not hasattr(scene.world, "cycles_visibility"):
+        pytest.skip("no Cycles, or a newer place of these")
+    world.tree.links.remove(world.background.inputs["Color"].links[0])
+    setattr(scene.world.cycles_visibility, rays, False)
+    assert export()[1] == ['the ray visibility of the world is ignored: world "Sky"']
