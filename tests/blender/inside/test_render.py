@@ -425,12 +425,12 @@ def test_walls_light_one_another_as_in_cycles(small, real_library, render_to):
     assert alone.mean() < 0.6 * ours[..., 0].mean()
 
 
-@pytest.mark.parametrize(("estimator", "error"), [("WALK", 0.02), ("PHOTONS", 0.04)])
+@pytest.mark.parametrize("estimator", ["WALK", "PHOTONS"])
 def test_media_see_what_walls_send_one_another_as_in_cycles(
-    small, real_library, render_to, estimator, error
+    small, real_library, render_to, estimator
 ):
-    """The same room with a cloud in it, of which Cycles finds all light by next events. With 4096
-    samples walks are 0.3 to 0.4 % brighter, photons, of which landings on walls are few, 1 %."""
+    """The same room with a cloud in it, of which Cycles finds all light by next events. Over four
+    seeds both are 0.9 to 2.2 % off in the worst block, 0.5 % at most in the mean."""
     if "cycles" not in dir(small):
         pytest.skip("no Cycles")
     closed_room(((0.8, 0.8, 0.8), (0.9, 0.1, 0.1)))
@@ -448,9 +448,11 @@ def test_media_see_what_walls_send_one_another_as_in_cycles(
     bpy.context.object.data.materials.append(cloud)
     small.camera.data.lens = 35
     small.amberlight.scatter_estimator = estimator
+    # Of 2000 photons so few land that a block of pixels is a quarter too bright.
+    small.amberlight.light_samples = 200_000
     ours, cycles = by_both_engines(small, render_to, 1024)
-    assert ours == pytest.approx(cycles, rel=0.12)
-    assert ours.mean() == pytest.approx(cycles.mean(), rel=error)
+    assert ours == pytest.approx(cycles, rel=0.06)
+    assert ours.mean() == pytest.approx(cycles.mean(), rel=0.015)
     small.amberlight.effects, small.amberlight.use_interreflection = "MANUAL", False
     alone = render_to("alone")["ViewLayer.Combined.R"]
     assert alone.mean() < 0.7 * ours[..., 0].mean()
