@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from api import handles, library
-from planner_scenes import SCENES, Body, PlannerScene, cube, spot
+from api import handles, library, rgb
+from planner_scenes import SCENES, Body, PlannerScene, add_mesh, cube, point, spot
 from planner_shares import (
     BOUNCES,
     COUNTS,
@@ -291,3 +291,20 @@ def test_a_camera_in_a_medium_sees_what_it_scatters() -> None:
     assert surroundings["share"]["low"] > 0.5, surroundings
     (image,), _ = render_passes(scene, 16, effects_are_auto=1, samples=16)
     assert image.mean() == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_camera_in_a_medium_sees_walls_through_it() -> None:
+    """A closed room in fog that is larger: every ray meets a wall first."""
+    fog = Body(sigma_s=0.4, ior=1.0, mesh=cube, size=10.0)
+
+    class Room(PlannerScene):
+        def build(self, scene: handles.Scene) -> None:
+            super().build(scene)
+            grey = scene.add_material("walls", albedo=rgb(0.5))
+            add_mesh(scene, "walls", cube(), grey, (0.0, 0.0, 0.0), 9.0)
+
+    room = Room("room in fog", (fog,), (point((0.0, 0.0, 2.0)),))
+    (image,), report = render_passes(
+        room, 16, names=("Single Scattering",), effects_are_auto=1, samples=4
+    )
+    assert effects(report)["single scattering"]["simulated"] and image.mean() > 0

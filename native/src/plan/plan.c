@@ -312,7 +312,8 @@ static AmbStatus decide_by_shares(const AmbScene *scene, const AmbRenderParams *
         .full_width = params->width,
         .full_height = params->height,
         .ray_count = (uint32_t)clamp_count(samples / 4.0, PROBES_MIN, VIEW_RAYS_MAX),
-        .seed = params->seed};
+        .seed = params->seed,
+        .may_start_inside = scene_may_start_inside(scene)};
     View view;
     AMB_TRY(view_create(scene, &view_params, job, &view));
     EffectShares shares = {.probe_count = 0};

@@ -20,7 +20,7 @@ typedef struct Survey {
 } Survey;
 
 /* The object that the ray through a place in a pixel meets first, UINT32_MAX if it is none that is
- * translucent. A camera inside of an object sees that one. */
+ * translucent. A camera inside of an object sees everything through that one. */
 static uint32_t object_at(const AmbScene *scene, const ViewParams *params, uint32_t x, uint32_t y,
                           Sample2 place, bool *out_is_opaque) {
     const CameraRay ray =
@@ -28,13 +28,16 @@ static uint32_t object_at(const AmbScene *scene, const ViewParams *params, uint3
                    ((float)y + place.v) / (float)params->full_height, (Sample2){0.5f, 0.5f});
     Hit hit;
     *out_is_opaque = false;
-    if (!scene_intersect(scene, ray.o, ray.d, ray.t_max, &hit))
+    if (scene_intersect(scene, ray.o, ray.d, ray.t_max, &hit)) {
+        const SurfacePoint surface = scene_surface(scene, &hit);
+        if (surface.material->surface == AMB_SURFACE_DIELECTRIC)
+            return surface.object;
+        *out_is_opaque = true;
+    }
+    if (!params->may_start_inside)
         return UINT32_MAX;
-    const SurfacePoint surface = scene_surface(scene, &hit);
-    if (surface.material->surface == AMB_SURFACE_DIELECTRIC)
-        return surface.object;
-    *out_is_opaque = true;
-    return UINT32_MAX;
+    const MediumStack stack = scene_media_at(scene, ray.o);
+    return stack.count > 0 ? medium_stack_top(&stack) : UINT32_MAX;
 }
 
 /* Where a pixel is looked at: in its middle, and beside its corners. */

@@ -26,6 +26,7 @@ typedef struct ViewParams {
     uint32_t full_width, full_height;
     uint32_t ray_count; /* about, at most one a pixel */
     uint32_t seed;
+    bool may_start_inside; /* as of CameraParams */
 } ViewParams;
 
 /* Primary rays over the rectangle; an object that they miss gets some of its own. */
