@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Later orders of scattering in thick media: walks against photons. Prints; never asserts.
 
-    python3 tests/bench/bench_thick.py [--jade | --means | --tracer] [--threads N]
+    python3 tests/bench/bench_thick.py [--jade | --means | --normals | --tracer] [--threads N]
 
 First a table over optical radius and albedo of a sphere, index 1.5, lit by a point: the error of
 double and multiple scattering together, what it cost, and from both what 3 % would cost in an
@@ -9,7 +9,8 @@ image of 256 x 256, in units of what its camera rays alone take. Errors of walks
 n^(-1/2), of photons with n^(-1/3): cells get smaller as photons get more. Then jade, optical
 radius 20, as sphere and as bumpy sphere, against photons sixteen times as many and along other
 camera rays, kept under build/bench. --means is the bias of photons: means of small pictures to
-those of walks; --tracer is the same to the stored orders of the independent path tracer.
+those of walks; --normals is the same of coarse meshes with smooth normals, all reflections, light
+corrected for these; --tracer is the same to the stored orders of the independent path tracer.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -62,10 +64,14 @@ MEANS = [  # shape, optical radius, albedo, g, pairs of walks, photons
     ("sphere", 100, 0.99, 0.0, 8, 2**16),
     ("sphere", 200, 0.9, 0.0, 4, 2**17),
 ]
+# Smooth normals on 20, 80, 320 and 1280 faces.
+COARSE = [(f"{20 * 4**level} faces", 5.0, 0.99, 0.0, 4, 2**17) for level in range(4)]
 MEANS_SIZE, MEANS_WALKS, MEANS_PHOTON_RUNS = 16, 64, 4
 TRACED = [("sphere", 10.0), ("slab", 10.0), ("bumpy", 2.0), ("bumpy", 10.0)]
 TRACED_SIZE, TRACED_RUNS, TRACED_SAMPLES = 16, 12, 16
-MESHES = {"sphere": lambda: icosphere(4), "bumpy": lambda: bumpy_sphere(4)}
+MESHES = {"sphere": lambda: icosphere(4), "bumpy": lambda: bumpy_sphere(4)} | {
+    row[0]: partial(icosphere, level) for level, row in enumerate(COARSE)
+}
 
 
 @dataclass(frozen=True)
@@ -162,14 +168,16 @@ def compare(optical_radius: float, albedo: float, unit: float, threads: int) -> 
     )
 
 
-def compare_means(row: tuple[str, float, float, float, int, int], threads: int) -> None:
+def compare_means(
+    row: tuple[str, float, float, float, int, int], threads: int, **common: int
+) -> None:
     shape, optical_radius, albedo, g, pairs, photons = row
     build = scene_of(MESHES[shape](), optical_radius, albedo, g)
 
     def means(count: int, **params: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         runs = np.array(
             [
-                render(build, MEANS_SIZE, seed=seed, threads=threads, **params).orders
+                render(build, MEANS_SIZE, seed=seed, threads=threads, **(common | params)).orders
                 for seed in range(count)
             ]
         )
@@ -258,14 +266,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--jade", action="store_true", help="jade alone, without the table")
     parser.add_argument("--means", action="store_true", help="bias against walks alone")
+    parser.add_argument("--normals", action="store_true", help="smooth normals on coarse meshes")
     parser.add_argument("--tracer", action="store_true", help="bias against the tracer alone")
     parser.add_argument("--threads", type=int, default=1)
     arguments = parser.parse_args()
-    if arguments.means:
+    if arguments.means or arguments.normals:
         print("| body, optical radius | albedo | g | photons | order 2 | its share | order 3+ |")
         print("|---|---|---|---|---|---|---|")
-        for row in MEANS:
-            compare_means(row, arguments.threads)
+        smooth = {"adjoint_normals": 1, "light_bounces": 16, "camera_bounces": 16}
+        for row in MEANS if arguments.means else COARSE:
+            compare_means(row, arguments.threads, **({} if arguments.means else smooth))
         return
     if arguments.tracer:
         print("| body, optical radius | g | order 2 | order 3+ |")
