@@ -103,7 +103,7 @@ def test_measure_the_real_library(quick, real_library, tmp_path):
     text = (tmp_path / "cost" / "cost.md").read_text()
     assert "reference: TUBES, refinement" in text
     tubes = {row.tube_refinement: row.error for row in state().rows if row.estimator == "TUBES"}
-    # On so smooth a mesh nothing up to 0 cuts more; a slow machine may not come any further in time.
+    # Nothing up to 0 cuts so smooth a mesh more; a slow machine may not come any further in time.
     coarse = tubes[min(tubes)]
     assert coarse > 0 and all(0 < error < coarse for level, error in tubes.items() if level > 0)
     points = [row for row in state().rows if row.estimator != "TUBES"]
