@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from api import handles, library, rgb
+from meshes import Mesh
 from planner_scenes import SCENES, Body, PlannerScene, add_mesh, cube, point, spot
 from planner_shares import (
     BOUNCES,
@@ -308,3 +309,37 @@ def test_a_camera_in_a_medium_sees_walls_through_it() -> None:
         room, 16, names=("Single Scattering",), effects_are_auto=1, samples=4
     )
     assert effects(report)["single scattering"]["simulated"] and image.mean() > 0
+
+
+def tumbler() -> Mesh:
+    """A drinking glass of flat faces: a closed profile, turned about z."""
+    profile = np.array(
+        [(0.0, -0.9), (0.8, -0.9), (0.85, 0.9), (0.77, 0.9), (0.72, -0.6), (0.0, -0.55)]
+    )
+    around = 48
+    angles = 2 * np.pi * np.arange(around) / around
+    rings = [
+        np.stack([r * np.cos(angles), r * np.sin(angles), np.full(around, z)], axis=1)
+        for r, z in profile[1:-1]
+    ]
+    points = np.concatenate([*rings, [(0.0, 0.0, profile[0, 1]), (0.0, 0.0, profile[-1, 1])]])
+    below, within = len(points) - 2, len(points) - 1
+    last = (len(rings) - 1) * around
+    faces = []
+    for i in range(around):
+        j = (i + 1) % around
+        faces += [(below, j, i), (within, last + i, last + j)]
+        for ring in range(len(rings) - 1):
+            a, b = ring * around, (ring + 1) * around
+            faces += [(a + i, a + j, b + j), (a + i, b + j, b + i)]
+    return Mesh(points, np.array(faces, np.uint32))
+
+
+def test_light_goes_round_in_a_glass() -> None:
+    """A clear tumbler in an even world: light that its walls have reflected dozens of times is a
+    part of the picture, of the rim most of all, and all of it together is 1."""
+    scene = PlannerScene("tumbler", (Body(mesh=tumbler),), (), world=1.0)
+    (image,), report = render_passes(scene, 32, effects_are_auto=1, samples=64)
+    assert effects(report)["camera-side internal reflection"]["count"] > 16
+    assert image.mean() == pytest.approx(1.0, abs=2e-3)
+    assert image.min() > 0.9

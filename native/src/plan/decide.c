@@ -5,21 +5,21 @@
 #include "plan/scene_rules.h"
 
 typedef struct Candidate {
-    uint32_t effect; /* PLAN_* */
-    uint32_t share;  /* SHARE_*; of a counted effect that of its first step */
-    bool is_counted;
+    uint32_t effect;    /* PLAN_* */
+    uint32_t share;     /* SHARE_*; of a counted effect that of its first step */
+    uint32_t last_step; /* of BOUNCE_STEPS; 1 of what is there or is not */
 } Candidate;
 
 static const Candidate CANDIDATES[] = {
-    {PLAN_SINGLE_SCATTERING, SHARE_SINGLE, false},
-    {PLAN_LIGHT_BOUNCES, SHARE_LIGHT_BOUNCES, true},
-    {PLAN_CAMERA_BOUNCES, SHARE_CAMERA_BOUNCES, true},
-    {PLAN_SURFACE_REFLECTION, SHARE_SURFACE_REFLECTION, false},
-    {PLAN_BACKGROUND, SHARE_BACKGROUND, false},
-    {PLAN_TRANSMITTED_LIGHT, SHARE_TRANSMITTED, false},
-    {PLAN_WORLD_LIGHT, SHARE_WORLD_LIGHT, false},
-    {PLAN_DOUBLE_SCATTERING, SHARE_DOUBLE, false},
-    {PLAN_MULTIPLE_SCATTERING, SHARE_MULTIPLE, false},
+    {PLAN_SINGLE_SCATTERING, SHARE_SINGLE, 1},
+    {PLAN_LIGHT_BOUNCES, SHARE_LIGHT_BOUNCES, LIGHT_STEP_COUNT - 1},
+    {PLAN_CAMERA_BOUNCES, SHARE_CAMERA_BOUNCES, CAMERA_STEP_COUNT - 1},
+    {PLAN_SURFACE_REFLECTION, SHARE_SURFACE_REFLECTION, 1},
+    {PLAN_BACKGROUND, SHARE_BACKGROUND, 1},
+    {PLAN_TRANSMITTED_LIGHT, SHARE_TRANSMITTED, 1},
+    {PLAN_WORLD_LIGHT, SHARE_WORLD_LIGHT, 1},
+    {PLAN_DOUBLE_SCATTERING, SHARE_DOUBLE, 1},
+    {PLAN_MULTIPLE_SCATTERING, SHARE_MULTIPLE, 1},
 };
 enum { CANDIDATE_COUNT = sizeof CANDIDATES / sizeof CANDIDATES[0] };
 
@@ -65,8 +65,8 @@ static bool is_clear(const Share *share, double share_min) {
 bool decide_is_settled(const EffectShares *shares, const Plan *plan) {
     for (uint32_t c = 0; c < CANDIDATE_COUNT; ++c) {
         const Candidate *candidate = &CANDIDATES[c];
-        const uint32_t count = candidate->is_counted ? BOUNCE_STEP_COUNT - 1 : 1;
-        for (uint32_t i = 0; i < count && plan->effects[candidate->effect].is_simulated; ++i) {
+        const bool is_open = plan->effects[candidate->effect].is_simulated;
+        for (uint32_t i = 0; i < candidate->last_step && is_open; ++i) {
             const Share share = effect_share(shares, candidate->share + i);
             if (!is_clear(&share, plan->share_min))
                 return false;
@@ -106,10 +106,6 @@ static void decide_return(Plan *plan) {
         plan->omitted += effect->share.value;
 }
 
-static uint32_t last_step(uint32_t c) {
-    return CANDIDATES[c].is_counted ? BOUNCE_STEP_COUNT - 1 : 1;
-}
-
 /* One choice for each candidate. */
 typedef struct Choice {
     uint32_t steps[CANDIDATE_COUNT]; /* 0: left out; of counted ones of BOUNCE_STEPS, else 1 */
@@ -122,7 +118,7 @@ typedef struct Search {
     EffectWork work;
     /* What is left out of a candidate at a step: reflections beyond it, or all and nothing of the
      * others. Beyond the last step nothing is known. */
-    Share rests[CANDIDATE_COUNT][BOUNCE_STEP_COUNT];
+    Share rests[CANDIDATE_COUNT][CAMERA_STEP_COUNT];
     double aim, omitted_max;
     bool is_open[CANDIDATE_COUNT];
     Choice choice, best;
@@ -225,7 +221,7 @@ static void try_from(Search *search, uint32_t c) {
         try_from(search, c + 1);
         return;
     }
-    for (uint32_t step = 0; step <= last_step(c); ++step)
+    for (uint32_t step = 0; step <= CANDIDATES[c].last_step; ++step)
         if (may_be(search, c, step)) {
             search->choice.steps[c] = step;
             search->choice.rests[c] = search->rests[c][step].value;
@@ -236,7 +232,7 @@ static void try_from(Search *search, uint32_t c) {
 /* The step of a candidate that stood alone: the first that leaves too little to show. */
 static uint32_t step_alone(const Search *search, uint32_t c) {
     uint32_t step = 0;
-    while (step < last_step(c)) {
+    while (step < CANDIDATES[c].last_step) {
         const Share rest = search->rests[c][step];
         if (is_less(&rest, search->plan->share_min))
             break;
@@ -248,7 +244,7 @@ static uint32_t step_alone(const Search *search, uint32_t c) {
 static void apply(const Search *search, uint32_t c, PlanEffect *effect) {
     const uint32_t step = search->best.steps[c], alone = step_alone(search, c);
     effect->is_simulated = step > 0;
-    effect->count = CANDIDATES[c].is_counted ? BOUNCE_STEPS[step] : 0;
+    effect->count = CANDIDATES[c].last_step > 1 ? BOUNCE_STEPS[step] : 0;
     effect->rest = search->rests[c][step];
     if (step > alone)
         effect->reason = is_worth(search, c, step) ? "to leave it out would cost more in noise"
@@ -317,9 +313,9 @@ void decide(const AmbScene *scene, const EffectShares *shares, double accuracy, 
                      .best_cost = INFINITY};
     for (uint32_t c = 0; c < CANDIDATE_COUNT; ++c) {
         search.is_open[c] = plan->effects[CANDIDATES[c].effect].is_simulated;
-        for (uint32_t step = 0; step < last_step(c); ++step)
+        for (uint32_t step = 0; step < CANDIDATES[c].last_step; ++step)
             search.rests[c][step] = effect_share(shares, CANDIDATES[c].share + step);
-        search.rests[c][last_step(c)] = (Share){.is_known = true};
+        search.rests[c][CANDIDATES[c].last_step] = (Share){.is_known = true};
     }
     try_from(&search, 0);
     search.choice = search.best;

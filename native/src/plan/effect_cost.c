@@ -10,7 +10,7 @@ static const double RAY = 0.2;
 static const double FIRST_REFLECTION = 2.0, NEXT_REFLECTION = 0.25, PASSED = 1.0;
 
 void effect_work_add(EffectWork *sum, double weight, const EffectWork *work) {
-    for (uint32_t i = 0; i < BOUNCE_STEP_COUNT; ++i) {
+    for (uint32_t i = 0; i < CAMERA_STEP_COUNT; ++i) {
         sum->stretches[i] += weight * work->stretches[i];
         sum->arrivals[i] += weight * work->arrivals[i];
     }

@@ -9,9 +9,9 @@
 /* Numbers of things that one camera sample does with everything on: means over the pixels that show
  * an object, or sums of probes on the way to these. */
 typedef struct EffectWork {
-    double stretches[BOUNCE_STEP_COUNT]; /* of the path in media that scatter, by bounce_step of the
+    double stretches[CAMERA_STEP_COUNT]; /* of the path in media that scatter, by bounce_step of the
                                           * reflections before */
-    double arrivals[BOUNCE_STEP_COUNT];  /* ends of the path on surroundings, likewise */
+    double arrivals[CAMERA_STEP_COUNT];  /* ends of the path on surroundings, likewise */
     double mirrored, behind; /* either of them, after a reflection outside, or through an object */
     double second, later;    /* stretches of walks after one scattering, after more */
     double escapes;          /* looks of walks at surroundings */

@@ -7,7 +7,7 @@
 #include "base/memory.h"
 
 /* Objects that one probe tells apart; the last one stands for all others. */
-enum { TOUCHED_MAX = 8, STEP_MAX = BOUNCE_STEP_COUNT - 1 };
+enum { TOUCHED_MAX = 8 };
 
 /* Of the least share: light of less is gathered by chance. */
 static const double GATHER_PART = 0.5;
@@ -67,7 +67,7 @@ static void add_way(const Look *look, Touched *touched, const CameraWay *way, Rg
         add(touched, look->half, SHARE_SURFACE_REFLECTION, radiance);
     if ((way->effects & AMB_EFFECT_BACKGROUND) != 0)
         add(touched, look->half, SHARE_BACKGROUND, radiance);
-    const uint32_t step = bounce_step(way->bounces);
+    const uint32_t step = bounce_step(way->bounces, CAMERA_STEP_COUNT);
     if (step > 0)
         add(touched, look->half, SHARE_CAMERA_BOUNCES + step - 1, radiance);
     Rgb *sum = &look->result->radiance[look->half];
@@ -80,7 +80,8 @@ static void count(EffectWork *work, const CameraWay *way, uint32_t order, bool i
         *(!is_stretch ? &work->escapes : order == 1 ? &work->second : &work->later) += 1.0;
         return;
     }
-    (is_stretch ? work->stretches : work->arrivals)[bounce_step(way->bounces)] += 1.0;
+    (is_stretch ? work->stretches : work->arrivals)[bounce_step(way->bounces, CAMERA_STEP_COUNT)] +=
+        1.0;
     work->mirrored += (way->effects & AMB_EFFECT_SURFACE_REFLECTION) != 0 ? 1.0 : 0.0;
     work->behind += (way->effects & AMB_EFFECT_BACKGROUND) != 0 ? 1.0 : 0.0;
 }
@@ -147,9 +148,9 @@ static void see_medium(void *user, const CameraWay *way, const FieldSegment *seg
 }
 
 /* From light of exactly one step to light of this step and all beyond. */
-static void sum_steps(Touched *touched, uint32_t first) {
+static void sum_steps(Touched *touched, uint32_t first, uint32_t step_count) {
     for (uint32_t half = 0; half < 2; ++half)
-        for (uint32_t step = STEP_MAX - 1; step > 0; --step)
+        for (uint32_t step = step_count - 2; step > 0; --step)
             add(touched, half, first + step - 1, touched->halves[first + step][half]);
 }
 
@@ -179,8 +180,8 @@ static AmbStatus run_probes(void *user, uint64_t begin, uint64_t end, uint32_t t
                            (uint32_t)path);
         }
         for (uint32_t t = 0; t < result->touched_count; ++t) {
-            sum_steps(&result->touched[t], SHARE_CAMERA_BOUNCES);
-            sum_steps(&result->touched[t], SHARE_LIGHT_BOUNCES);
+            sum_steps(&result->touched[t], SHARE_CAMERA_BOUNCES, CAMERA_STEP_COUNT);
+            sum_steps(&result->touched[t], SHARE_LIGHT_BOUNCES, LIGHT_STEP_COUNT);
         }
     }
     return AMB_OK;

@@ -18,11 +18,11 @@ enum {
     SHARE_TRANSMITTED,
     SHARE_WORLD_LIGHT,
     SHARE_RETURN,
-    /* More reflections than BOUNCE_STEPS[i]; i < BOUNCE_STEP_COUNT - 1: what no step follows is
-     * not seen. */
+    /* More reflections than BOUNCE_STEPS[i], for all but the last: what no step follows is not
+     * seen. */
     SHARE_CAMERA_BOUNCES,
-    SHARE_LIGHT_BOUNCES = SHARE_CAMERA_BOUNCES + BOUNCE_STEP_COUNT - 1,
-    SHARE_COUNT = SHARE_LIGHT_BOUNCES + BOUNCE_STEP_COUNT - 1
+    SHARE_LIGHT_BOUNCES = SHARE_CAMERA_BOUNCES + CAMERA_STEP_COUNT - 1,
+    SHARE_COUNT = SHARE_LIGHT_BOUNCES + LIGHT_STEP_COUNT - 1
 };
 
 typedef struct EffectShares {

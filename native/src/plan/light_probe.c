@@ -6,7 +6,8 @@
 
 #include "base/memory.h"
 
-const uint32_t BOUNCE_STEPS[BOUNCE_STEP_COUNT] = {0, 1, 2, 3, 4, 6, 8, 12, BOUNCES_MOST};
+const uint32_t BOUNCE_STEPS[CAMERA_STEP_COUNT] = {
+    0, 1, 2, 3, 4, 6, 8, 12, LIGHT_BOUNCES_MOST, CAMERA_BOUNCES_MOST};
 
 /* Few rays need wide kernels, which keep the mean; the picture of the share may be soft. */
 static const float PROBE_KERNEL_SIZE = 12.0f;
@@ -21,15 +22,15 @@ static const double STREWN_GROWTH = 4.0;
 static const float PROBE_ROULETTE = 0.05f;
 enum { PROBE_SAMPLES_PER_BEAM = 3, PROBE_PROBLEM_SHARE = 1000 };
 
-uint32_t bounce_step(uint32_t bounces) {
+uint32_t bounce_step(uint32_t bounces, uint32_t step_count) {
     uint32_t step = 0;
-    while (step + 1 < BOUNCE_STEP_COUNT && BOUNCE_STEPS[step] < bounces)
+    while (step + 1 < step_count && BOUNCE_STEPS[step] < bounces)
         ++step;
     return step;
 }
 
 static uint32_t beam_class(const LightBeam *beam) {
-    return beam->has_passed ? LIGHT_CLASS_PASSED : bounce_step(beam->bounces);
+    return beam->has_passed ? LIGHT_CLASS_PASSED : bounce_step(beam->bounces, LIGHT_STEP_COUNT);
 }
 
 static void add_flux(const AmbScene *scene, const LightField *light, LightProbe *probe) {
@@ -121,8 +122,8 @@ AmbStatus light_probe_create(const AmbScene *scene, const LightProbeParams *para
     const double *incident = light.tally.incident;
     out_probe->is_dark = !(incident[0] + incident[1] + incident[2] + flux > 0.0);
     out_probe->problems.is_veiled = out_probe->flux[LIGHT_CLASS_PASSED] > VEILED_PART * flux;
-    out_probe->problems.is_trapped =
-        sum_flux(out_probe, bounce_step(3), BOUNCE_STEP_COUNT - 1) > TRAPPED_PART * flux;
+    out_probe->problems.is_trapped = sum_flux(out_probe, bounce_step(3, LIGHT_STEP_COUNT),
+                                              LIGHT_STEP_COUNT - 1) > TRAPPED_PART * flux;
     AmbStatus status = AMB_OK;
     for (uint32_t c = 0; c < LIGHT_CLASS_COUNT && params->has_fields && status == AMB_OK; ++c)
         status = create_field(scene, &light, c, params, job, &out_probe->fields[c]);

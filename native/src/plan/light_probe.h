@@ -7,15 +7,23 @@
 #include "field/field.h"
 #include "plan/plan.h"
 
-/* Numbers of internal reflections among which the planner chooses. */
-enum { BOUNCE_STEP_COUNT = 9, BOUNCES_MOST = 16 };
-extern const uint32_t BOUNCE_STEPS[BOUNCE_STEP_COUNT]; /* 0, 1, .. BOUNCES_MOST */
+/* Numbers of internal reflections among which the planner chooses: on the camera's side all, of the
+ * light, of which every step costs a field, the first ones. What a camera sees in clear glass goes
+ * round in its rim without loss. */
+enum {
+    LIGHT_STEP_COUNT = 9,
+    LIGHT_BOUNCES_MOST = 16,
+    CAMERA_STEP_COUNT = 10,
+    CAMERA_BOUNCES_MOST = 128
+};
+extern const uint32_t BOUNCE_STEPS[CAMERA_STEP_COUNT]; /* 0, 1, .. CAMERA_BOUNCES_MOST */
 
-/* Index of the smallest step that follows so many reflections; the last one for more. */
-uint32_t bounce_step(uint32_t bounces);
+/* Index of the smallest of the first step_count steps that follows so many reflections; of the last
+ * one for more. */
+uint32_t bounce_step(uint32_t bounces, uint32_t step_count);
 
 /* By bounce_step, and light that has passed an object. */
-enum { LIGHT_CLASS_PASSED = BOUNCE_STEP_COUNT, LIGHT_CLASS_COUNT };
+enum { LIGHT_CLASS_PASSED = LIGHT_STEP_COUNT, LIGHT_CLASS_COUNT };
 
 typedef struct LightProbe {
     double flux[LIGHT_CLASS_COUNT]; /* W, all channels, that enters media and interacts there */

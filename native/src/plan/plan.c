@@ -271,7 +271,7 @@ static AmbStatus measure(const AmbScene *scene, const AmbRenderParams *params, V
                    .shines_through = plan->effects[PLAN_LIGHT_ON_SURFACES].is_simulated,
                    .has_returns = plan->effects[PLAN_RETURN].is_simulated,
                    .job = job,
-                   .bounces = BOUNCES_MOST,
+                   .bounces = CAMERA_BOUNCES_MOST,
                    .seed = params->seed ^ PROBE_SEED,
                    .film_transparent = params->film_transparent != 0,
                    .may_start_inside = scene_may_start_inside(scene),
@@ -389,7 +389,7 @@ static AmbStatus settle_effects(const AmbScene *scene, const AmbRenderParams *pa
             .ray_count = is_measured ? clamp_count(samples / SAMPLES_PER_LIGHT_RAY, LIGHT_RAYS_MIN,
                                                    LIGHT_RAYS_MAX)
                                      : LIGHT_RAYS_MAX,
-            .bounces = is_measured ? BOUNCES_MOST : plan->effects[PLAN_LIGHT_BOUNCES].count,
+            .bounces = is_measured ? LIGHT_BOUNCES_MOST : plan->effects[PLAN_LIGHT_BOUNCES].count,
             .has_fields = is_measured,
             .adjoint_normals = params->adjoint_normals != 0,
             .seed = params->seed};

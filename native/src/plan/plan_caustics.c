@@ -47,8 +47,8 @@ PlanEffect plan_caustics(const AmbScene *scene, const AmbRenderParams *params, c
 
 /* Watts, of probe rays. */
 typedef struct Landing {
-    double incident;                 /* at translucent objects */
-    double landed[BOUNCES_MOST + 1]; /* after so many reflections at most */
+    double incident;                       /* at translucent objects */
+    double landed[LIGHT_BOUNCES_MOST + 1]; /* after so many reflections at most */
 } Landing;
 
 static AmbStatus probe_landing(const AmbScene *scene, const AmbRenderParams *params,
@@ -65,10 +65,11 @@ static AmbStatus probe_landing(const AmbScene *scene, const AmbRenderParams *par
     double *landed = out_landing->landed;
     for (uint64_t i = 0; i < light.landing_count; ++i) {
         const LightLanding *landing = &light.landings[i];
-        const uint32_t after = landing->bounces < BOUNCES_MOST ? landing->bounces : BOUNCES_MOST;
+        const uint32_t after =
+            landing->bounces < LIGHT_BOUNCES_MOST ? landing->bounces : LIGHT_BOUNCES_MOST;
         landed[after] += 3.0 * (double)rgb_mean(landing->flux);
     }
-    for (uint32_t i = 1; i <= BOUNCES_MOST; ++i)
+    for (uint32_t i = 1; i <= LIGHT_BOUNCES_MOST; ++i)
         landed[i] += landed[i - 1];
     light_field_clear(&light);
     return AMB_OK;
@@ -76,11 +77,11 @@ static AmbStatus probe_landing(const AmbScene *scene, const AmbRenderParams *par
 
 /* The fewest reflections that land all but so little of the light. */
 static uint32_t choose_bounces(const Landing *landing) {
-    for (uint32_t i = 0; i < BOUNCE_STEP_COUNT; ++i)
-        if (landing->landed[BOUNCES_MOST] - landing->landed[BOUNCE_STEPS[i]] <=
+    for (uint32_t i = 0; i < LIGHT_STEP_COUNT; ++i)
+        if (landing->landed[LIGHT_BOUNCES_MOST] - landing->landed[BOUNCE_STEPS[i]] <=
             CAUSTIC_SHARE_MIN * landing->incident)
             return BOUNCE_STEPS[i];
-    return BOUNCES_MOST;
+    return LIGHT_BOUNCES_MOST;
 }
 
 AmbStatus plan_measure_caustics(const AmbScene *scene, const AmbRenderParams *params, Job *job,
@@ -89,11 +90,11 @@ AmbStatus plan_measure_caustics(const AmbScene *scene, const AmbRenderParams *pa
     if (!effect->is_simulated)
         return AMB_OK;
     Landing landing;
-    AMB_TRY(probe_landing(scene, params, plan->is_automatic ? BOUNCES_MOST : effect->count, job,
-                          &landing));
+    AMB_TRY(probe_landing(scene, params, plan->is_automatic ? LIGHT_BOUNCES_MOST : effect->count,
+                          job, &landing));
     if (plan->is_automatic)
         effect->count = choose_bounces(&landing);
-    const uint32_t last = effect->count < BOUNCES_MOST ? effect->count : BOUNCES_MOST;
+    const uint32_t last = effect->count < LIGHT_BOUNCES_MOST ? effect->count : LIGHT_BOUNCES_MOST;
     if (!(landing.landed[last] >
           (plan->is_automatic ? CAUSTIC_SHARE_MIN * landing.incident : 0.0))) {
         *effect = plan_skipped(effect->name, "less than 0.2 % of the light at translucent objects "

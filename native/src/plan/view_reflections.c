@@ -4,8 +4,9 @@
 
 #include "base/memory.h"
 
-/* Pixels that are looked at, at most. One reflection is seen nearly everywhere. */
-enum { PIXELS_MAX = 1024, BOUNCES_MIN = 2 };
+/* Pixels that are looked at, at most. One reflection is seen nearly everywhere, and what goes round
+ * for longer is seen where sixteen are. */
+enum { PIXELS_MAX = 1024, BOUNCES_MIN = 2, BOUNCES_MAX = 16 };
 
 /* What a pixel's path sees after several reflections. */
 typedef struct Reflected {
@@ -74,6 +75,7 @@ AmbStatus view_weigh_reflections(const AmbScene *scene, const CameraParams *came
                                  View *view) {
     CameraParams params = *camera;
     params.effects = AMB_EFFECT_BACKGROUND;
+    params.bounces = BOUNCES_MAX;
     Weighing weighing = {.scene = scene,
                          .camera = &params,
                          .view = view,
