@@ -80,6 +80,14 @@ static inline Lanes lanes_max(Lanes a, Lanes b) {
 #endif
 }
 
+static inline Lanes lanes_abs(Lanes v) {
+    return lanes_max(v, -v);
+}
+
+static inline Lanes lanes_lerp(Lanes a, Lanes b, Lanes q) {
+    return a + q * (b - a);
+}
+
 static inline Lanes lanes_sqrt(Lanes a) {
 #if defined(AMB_LANES_16)
     return (Lanes)_mm512_sqrt_ps((__m512)a);

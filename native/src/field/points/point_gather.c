@@ -4,7 +4,7 @@
 #include "field/points/point_gather.h"
 
 #include "field/straight_lanes.h"
-#include "math/lanes.h"
+#include "math/lanes3.h"
 #include "optics/medium_lanes.h"
 
 #if !defined(AMB_POINT_GATHER)
@@ -35,16 +35,8 @@ typedef struct Sums {
     PointCount *met; /* or NULL */
 } Sums;
 
-typedef struct Lanes3 {
-    Lanes x, y, z;
-} Lanes3;
-
 static inline Lanes3 load3(const float v[3][LANE_COUNT]) {
     return (Lanes3){lanes_load(v[0]), lanes_load(v[1]), lanes_load(v[2])};
-}
-
-static inline Lanes dot3(Lanes3 a, Lanes3 b) {
-    return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
 /* Bit i is set where child i's box meets the segment. */
