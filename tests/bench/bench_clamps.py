@@ -72,7 +72,7 @@ CLAMPS = (
     Clamp("cross-section of kernels", "field/points/points.c",
           "AREA_MAX = 4.0f", "AREA_MAX = 16.0f", (*POINTS, *MORE_POINTS),
           "in units of the mean: wider ones blur, narrower ones show noise"),
-    Clamp("reach of tubes", "field/tubes/tubes.c",
+    Clamp("reach of tubes", "field/tubes/tube_cut.c",
           "LIMIT_MAX = 4.0f", "LIMIT_MAX = 16.0f", ("tubes",), "in radii of the object"),
     Clamp("angle to a wall's tangent plane", "field/tubes/tube_reflect.c",
           "PLANE_COS_MIN = 0.1f", "PLANE_COS_MIN = 0.01f", ("tubes",),
@@ -143,7 +143,7 @@ CLAMPS = (
     Clamp("grazing normals, tubes", "field/tubes/tube_patch.h",
           "TUBE_GRAZING_COS 1e-3f", "TUBE_GRAZING_COS 1e-4f", ("tubes", "soft tubes"),
           "normals that interpolation turned away from the light"),
-    Clamp("least softness of tubes", "field/tubes/tube_gather.c",
+    Clamp("least softness of tubes", "field/tubes/tube_soft.h",
           "SOFT_MIN = 1e-3f", "SOFT_MIN = 1e-4f", ("tubes", "soft tubes"),
           "less of a tube's width is averaged over by a chord"),
 )  # fmt: skip

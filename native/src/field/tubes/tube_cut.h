@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
- * What the two steps of cutting tubes share: light that enters a triangle of the boundary (tubes.c)
- * and light that the walls reflect back inside (tube_reflect.c). */
+ * What the two steps of cutting tubes share: light that enters a triangle of the boundary
+ * (tube_cut.c) and light that the walls reflect back inside (tube_reflect.c). */
 #ifndef AMB_FIELD_TUBES_TUBE_CUT_H
 #define AMB_FIELD_TUBES_TUBE_CUT_H
 
@@ -49,6 +49,9 @@ typedef struct CutTube {
 
 #define TUBE_REFLECTED UINT32_MAX
 
+/* Of the triangles of one unit of work under one source. */
+enum { TUBE_CHUNK_TRIANGLES = 256 };
+
 typedef struct TubeChunk {
     CutTube *tubes;
     uint64_t count, room;
@@ -83,6 +86,9 @@ typedef struct Face {
     Rgb color;
     float area; /* of the whole triangle, m^2 */
 } Face;
+
+/* Cuts the chunks begin .. end - 1 of the Cutter `user`: see parallel_for. */
+AmbStatus tube_cut_chunks(void *user, uint64_t begin, uint64_t end, uint32_t thread);
 
 AmbStatus tube_chunk_append(TubeChunk *chunk, const CutTube *tube);
 void tube_tally_add(double sum[3], Rgb color, double flux);

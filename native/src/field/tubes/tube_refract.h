@@ -18,7 +18,7 @@ static inline Lanes3 light_direction(const TubeLight *light, Lanes3 x) {
     return light->is_directional ? origin : normalize3(sub3(x, origin));
 }
 
-/* Light along unit d, refracted at normal n, which need not be unit: as make_corner of tubes.c. */
+/* Light along unit d, refracted at normal n, which need not be unit: as enter_at of tube_cut.c. */
 static inline Lanes3 refract(const TubeLight *light, Lanes3 d, Lanes3 n) {
     if (light->eta == 1.0f)
         return d;
