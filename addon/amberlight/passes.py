@@ -26,6 +26,8 @@ PASSES = (
     Pass("Surface",           3, "RGB",  "COLOR", False),
     Pass("Frequency",         1, "X",    "VALUE", False),
     Pass("Error",             1, "X",    "VALUE", False),
+    Pass("Denoising Albedo",  3, "RGB",  "COLOR", False),
+    Pass("Denoising Normal",  3, "XYZ",  "VECTOR", False),
 )
 # fmt: on
 COMBINED = PASSES[0]

@@ -9,7 +9,7 @@
 #include "amberlight/amberlight.h"
 #include "fuzz.h"
 
-enum { STEP_MAX = 20, VERTEX_MAX = 64, TRIANGLE_MAX = 96, SIDE_MAX = 5, PASS_MAX = 8 };
+enum { STEP_MAX = 20, VERTEX_MAX = 64, TRIANGLE_MAX = 96, SIDE_MAX = 5, PASS_MAX = 10 };
 /* Images come from so many of the last bytes, whatever else those say: seeds stay the stories that
  * they are. */
 enum { IMAGE_BYTES = 64, IMAGE_SIDE_MAX = 5 };
@@ -341,7 +341,8 @@ static void check_picture(const Story *story, AmbRender *render, const AmbRender
     static const char *const passes[PASS_MAX] = {"Combined",          "Depth",
                                                  "Single Scattering", "Surface",
                                                  "Double Scattering", "Multiple Scattering",
-                                                 "Frequency",         "Error"};
+                                                 "Frequency",         "Error",
+                                                 "Denoising Albedo",  "Denoising Normal"};
     const uint64_t pixels = params->crop_width > 0
                                 ? (uint64_t)params->crop_width * params->crop_height
                                 : (uint64_t)params->width * params->height;
@@ -352,8 +353,9 @@ static void check_picture(const Story *story, AmbRender *render, const AmbRender
         const uint64_t count = pixels * channels;
         FUZZ_HOLDS(checked(amb_render_read_pass(render, passes[p], values, count)) == AMB_OK,
                    "no pass %s", passes[p]);
-        /* Depth may be negative, and what a tree cut adds to second order. */
-        const bool may_be_negative = p == 1 || params->scatter_estimator == AMB_SCATTER_TREE_CUT;
+        /* Depth and normals may be negative, and what a tree cut adds to second order. */
+        const bool may_be_negative =
+            p == 1 || p == 9 || params->scatter_estimator == AMB_SCATTER_TREE_CUT;
         for (uint64_t i = 0; i < count && story->is_moderate; ++i)
             FUZZ_HOLDS(isfinite(values[i]) && (may_be_negative || values[i] >= 0.0f), "%s has %g",
                        passes[p], (double)values[i]);

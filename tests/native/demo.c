@@ -119,8 +119,10 @@ const char *const PASS_NAMES[PASS_COUNT] = {"Combined",
                                             "Multiple Scattering",
                                             "Surface",
                                             "Frequency",
-                                            "Error"};
-const uint32_t PASS_CHANNELS[PASS_COUNT] = {4, 1, 3, 3, 3, 3, 1, 1};
+                                            "Error",
+                                            "Denoising Albedo",
+                                            "Denoising Normal"};
+const uint32_t PASS_CHANNELS[PASS_COUNT] = {4, 1, 3, 3, 3, 3, 1, 1, 3, 3};
 
 uint64_t picture_floats(const Picture *picture, int pass) {
     return (uint64_t)picture->width * picture->height * PASS_CHANNELS[pass];
@@ -201,10 +203,11 @@ static uint64_t count_wrong(const Picture *picture, int pass) {
     const float limit = pass == PASS_FREQUENCY ? 1.0f + 1e-5f : INFINITY;
     for (uint64_t i = 0; i < picture_floats(picture, pass); ++i) {
         const float v = picture->passes[pass][i];
-        /* Only depth may be negative: an orthographic camera sees behind itself. */
+        /* An orthographic camera sees behind itself. */
+        const bool may_be_negative = pass == PASS_DEPTH || pass == PASS_NORMAL;
         const bool is_alpha = pass == PASS_COMBINED && i % channels == 3;
         wrong +=
-            !isfinite(v) || (v < 0.0f && pass != PASS_DEPTH) || v > limit || (is_alpha && v > 1.0f);
+            !isfinite(v) || (v < 0.0f && !may_be_negative) || v > limit || (is_alpha && v > 1.0f);
     }
     return wrong;
 }

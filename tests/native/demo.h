@@ -38,6 +38,8 @@ enum {
     PASS_SURFACE,
     PASS_FREQUENCY,
     PASS_ERROR,
+    PASS_ALBEDO,
+    PASS_NORMAL,
     PASS_COUNT
 };
 extern const char *const PASS_NAMES[PASS_COUNT];

@@ -1120,8 +1120,8 @@ static void file_reads_back(void) {
                EXR_ERR_SUCCESS);
         if (text != NULL)
             check_report(text);
-        static const char *const letters[PASS_COUNT] = {"RGBA", "Z",   "RGB", "RGB",
-                                                        "RGB",  "RGB", "X",   "X"};
+        static const char *const letters[PASS_COUNT] = {"RGBA", "Z", "RGB", "RGB", "RGB",
+                                                        "RGB",  "X", "X",   "RGB", "XYZ"};
         for (int p = 0; p < PASS_COUNT; ++p) {
             static float pass[WIDTH * HEIGHT * 4], channel[WIDTH * HEIGHT];
             const uint32_t n = PASS_CHANNELS[p];

@@ -232,7 +232,8 @@ AmbStatus amb_render_wait(AmbRender *render, double timeout, int32_t *out_ended)
 static uint32_t channels_of(const char *name) {
     if (!strcmp(name, "Combined"))
         return 4;
-    if (strstr(name, " Scattering") != NULL || !strcmp(name, "Surface"))
+    if (strstr(name, " Scattering") != NULL || !strcmp(name, "Surface") ||
+        strstr(name, "Denoising ") == name)
         return 3;
     return !strcmp(name, "Depth") || !strcmp(name, "Frequency") || !strcmp(name, "Error");
 }

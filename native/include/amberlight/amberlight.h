@@ -442,7 +442,10 @@ AMB_API AmbStatus amb_render_wait(AmbRender *render, double timeout, int32_t *ou
  * gathered samples, [0,1]), "Error" (1: standard error of Combined RGB as the render states it,
  * mean of channels, W m^-2 sr^-1; under a target accuracy of noise and light field, after each
  * round; else of the noise, at the end, and 0 with one sample). Combined RGB = the sum of the three
- * of scattering and Surface. */
+ * of scattering and Surface. For denoisers: "Denoising Albedo" (RGB; of the opaque surfaces, media
+ * and surroundings that are seen, of what shines its radiance up to 1, each by the part of the
+ * light that comes from there by way of all refractions and reflections; in [0, 1] but for noise)
+ * and "Denoising Normal" (3: mean shading normal of the first surface, world, towards the eye). */
 AMB_API AmbStatus amb_render_pass_channels(AmbRender *render, const char *name,
                                            uint32_t *out_channels);
 

@@ -79,6 +79,24 @@ static Rgb grown(Rgb throughput, Rgb forward) {
     return rgb_mul(throughput, rgb(expf(forward.r), expf(forward.g), expf(forward.b)));
 }
 
+static float ior_of(const AmbScene *scene, const MediumStack *stack) {
+    const SceneMaterial *material = medium_stack_material(scene, stack);
+    return material != NULL ? material->ior : 1.0f;
+}
+
+/* Adds to what denoisers tell things from light by. Throughputs lack the square of the index of
+ * the medium that they are in, see follow_boundary. */
+static void see_albedo(Walker *walker, const Branch *branch, Rgb albedo) {
+    const float ior = ior_of(walker->scene, &branch->stack);
+    const Rgb seen = rgb_mul(rgb_scale(branch->throughput, ior * ior), albedo);
+    walker->out->albedo = rgb_add(walker->out->albedo, seen);
+}
+
+/* Of what shines the radiance, as far as an albedo goes. */
+static Rgb up_to_one(Rgb radiance) {
+    return rgb(fminf(radiance.r, 1.0f), fminf(radiance.g, 1.0f), fminf(radiance.b, 1.0f));
+}
+
 /* Adds what scattered along the branch inside its medium, and attenuates the branch. */
 static void pass_medium(Walker *walker, Branch *branch, float length) {
     const Medium *medium = &medium_stack_material(walker->scene, &branch->stack)->medium;
@@ -108,6 +126,7 @@ static void pass_medium(Walker *walker, Branch *branch, float length) {
         walk_scatter(walker, branch->o, branch->d, &branch->stack, branch->throughput,
                      branch->forward, true);
     }
+    see_albedo(walker, branch, medium_scattered(medium, segment.length));
     branch->throughput = rgb_mul(branch->throughput, medium_transmittance(medium, segment.length));
     if (walker->params->scatter != NULL)
         branch->forward = scatter_forward_depth(
@@ -263,11 +282,17 @@ static void follow_arrival(Walker *walker, Branch branch) {
             out->alpha = 0.0f;
             return;
         }
-        see_surface(walker, &branch, world_radiance(&scene->world, branch.d));
+        const Rgb radiance = world_radiance(&scene->world, branch.d);
+        see_surface(walker, &branch, radiance);
+        see_albedo(walker, &branch, up_to_one(radiance));
         return;
     }
-    if (branch.depth == 0)
+    const SurfacePoint *surface = &arrival.crossing.surface;
+    if (branch.depth == 0) {
         out->depth = arrival.t;
+        const float side = vec3_dot(surface->ng, branch.d) < 0.0f ? 1.0f : -1.0f;
+        out->normal = vec3_scale(surface->ns, side);
+    }
     if (!arrival.is_opaque) {
         out->is_object = out->is_object || branch.depth == 0;
         branch.depth += arrival.passed_count;
@@ -278,8 +303,10 @@ static void follow_arrival(Walker *walker, Branch branch) {
     walker->way = branch.way;
     const Rgb glow = walker->observer != NULL ? rgb(0, 0, 0) : branch.throughput;
     const DiffuseLight light =
-        shade_diffuse(walker, &arrival.crossing.surface, branch.d, &branch.stack, glow,
+        shade_diffuse(walker, surface, branch.d, &branch.stack, glow,
                       (walker->params->effects & AMB_EFFECT_INTERREFLECTION) != 0);
+    see_albedo(walker, &branch,
+               up_to_one(rgb_add(scene_albedo(scene, surface), surface->material->emission)));
     see_surface(walker, &branch, light.radiance);
     if (rgb_max(light.lamp) > 0.0f)
         see_light(walker, &branch, light.lamp, true);
@@ -337,6 +364,8 @@ static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
                              .stack = stack});
     if (walker.clock.ledger != NULL)
         ledger_switch(&walker.clock, LEDGER_RAYS, UINT32_MAX);
+    const float ior = ior_of(scene, &stack);
+    sample.albedo = rgb_scale(sample.albedo, 1.0f / (ior * ior));
     if (sample.depth != CAMERA_DEPTH_NONE)
         sample.depth = ray.depth_o + sample.depth * ray.cos_axis;
     return sample;

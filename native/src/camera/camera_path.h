@@ -57,6 +57,8 @@ typedef struct CameraSample {
     Rgb surface;                    /* not scattered in a medium */
     Rgb lamps;                      /* images of lamps, in none of the above */
     float parts[CAMERA_PART_COUNT]; /* of all this, mean of channels; they overlap */
+    Rgb albedo;  /* of what is seen, by way of all objects: see amb_render_pass_channels */
+    Vec3 normal; /* of the first surface, world, towards the eye; 0 where nothing is seen */
     float alpha;
     float depth;        /* along the view axis, m; CAMERA_DEPTH_NONE where nothing is seen */
     float frequency;    /* sum of contribution * frequency factor, where that is wanted */

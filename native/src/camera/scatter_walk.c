@@ -152,31 +152,14 @@ static Choice weigh_boundary(const Walk *walk, const Target *target, Rgb transmi
     return choice;
 }
 
-static Rgb medium_sigma_s(const Medium *medium) {
-    Rgb sum = rgb(0, 0, 0);
-    for (uint32_t l = 0; l < medium->lobe_count; ++l)
-        sum = rgb_add(sum, medium->lobes[l].sigma_s);
-    return sum;
-}
-
-/* 1 - exp(-sigma length), and what of it is scattered. */
-static float collision_share(float throughput, float sigma_s, float sigma_t, float length) {
-    return sigma_t > 0.0f ? throughput * sigma_s / sigma_t * -expm1f(-sigma_t * length) : 0.0f;
-}
-
 /* Distance to a collision inside the segment: a mixture over the channels of what each would take
  * (one-sample multiple importance sampling with the balance heuristic, [Wilkie14]). The throughput
  * becomes that just before the scattering, per unit of sigma_s. */
 static void collide(Walk *walk, const Medium *medium, float length, bool has_passed) {
-    const Rgb sigma_s = medium_sigma_s(medium);
-    const float s[3] = {sigma_s.r, sigma_s.g, sigma_s.b};
     const float sigma_t[3] = {medium->sigma_t.r, medium->sigma_t.g, medium->sigma_t.b};
-    const float in[3] = {walk->throughput.r, walk->throughput.g, walk->throughput.b};
-    float share[3], sum = 0.0f;
-    for (int c = 0; c < 3; ++c) {
-        share[c] = collision_share(in[c], s[c], sigma_t[c], length);
-        sum += share[c];
-    }
+    const Rgb scattered = rgb_mul(walk->throughput, medium_scattered(medium, length));
+    const float share[3] = {scattered.r, scattered.g, scattered.b};
+    const float sum = share[0] + share[1] + share[2];
     int channel = 0;
     float u = walker_random(walk->walker) * sum;
     while (channel < 2 && (u >= share[channel] || !(share[channel] > 0.0f))) {
@@ -468,15 +451,9 @@ static bool step(Walk *walk) {
             const uint32_t next = walk->order + 1;
             const uint32_t limit = order_limit(walker->params);
             const bool has_world = (walker->params->effects & AMB_EFFECT_WORLD_LIGHT) != 0;
-            if (next < limit || (next == limit && has_world)) {
-                const Rgb sigma_s = medium_sigma_s(&material->medium);
-                const Rgb sigma_t = material->medium.sigma_t;
-                const Rgb in = walk->throughput;
-                choice.scatter = (collision_share(in.r, sigma_s.r, sigma_t.r, length) +
-                                  collision_share(in.g, sigma_s.g, sigma_t.g, length) +
-                                  collision_share(in.b, sigma_s.b, sigma_t.b, length)) /
-                                 3.0f;
-            }
+            if (next < limit || (next == limit && has_world))
+                choice.scatter = rgb_mean(
+                    rgb_mul(walk->throughput, medium_scattered(&material->medium, length)));
         }
         if (!target.is_hit)
             scene_leaks_add(&walker->out->leaks, 1, medium_stack_top(&walk->stack));

@@ -14,7 +14,9 @@ enum {
     PASS_MULTIPLE,
     PASS_SURFACE,
     PASS_FREQUENCY,
-    PASS_ERROR
+    PASS_ERROR,
+    PASS_ALBEDO,
+    PASS_NORMAL
 };
 
 const FilmPass FILM_PASSES[FILM_PASS_COUNT] = {
@@ -26,6 +28,8 @@ const FilmPass FILM_PASSES[FILM_PASS_COUNT] = {
     [PASS_SURFACE] = {"Surface", 3, {"R", "G", "B"}},
     [PASS_FREQUENCY] = {"Frequency", 1, {"X"}},
     [PASS_ERROR] = {"Error", 1, {"X"}},
+    [PASS_ALBEDO] = {"Denoising Albedo", 3, {"R", "G", "B"}},
+    [PASS_NORMAL] = {"Denoising Normal", 3, {"X", "Y", "Z"}},
 };
 
 AmbStatus film_create(uint32_t width, uint32_t height, Film *out_film) {
@@ -78,6 +82,11 @@ void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum) {
         atomic_fetch_add(&film->nonfinite_surface, 1);
         add.lamps = rgb(0, 0, 0);
     }
+    if (!rgb_is_finite(add.albedo) || !vec3_is_finite(add.normal)) {
+        atomic_fetch_add(&film->nonfinite_surface, 1);
+        add.albedo = rgb(0, 0, 0);
+        add.normal = vec3(0, 0, 0);
+    }
     for (int k = 0; k < FILM_PART_COUNT; ++k)
         if (!isfinite(add.parts[k]))
             add.parts[k] = 0.0f;
@@ -92,6 +101,8 @@ void film_add(Film *film, uint32_t x, uint32_t y, const FilmPixel *sum) {
         pixel->orders[k] = rgb_add(pixel->orders[k], add.orders[k]);
     pixel->surface = rgb_add(pixel->surface, add.surface);
     pixel->lamps = rgb_add(pixel->lamps, add.lamps);
+    pixel->albedo = rgb_add(pixel->albedo, add.albedo);
+    pixel->normal = vec3_add(pixel->normal, add.normal);
     for (int k = 0; k < FILM_PART_COUNT; ++k)
         pixel->parts[k] += add.parts[k];
     pixel->alpha += add.alpha;
@@ -156,6 +167,14 @@ static void read_pixel(const FilmPixel *pixel, uint32_t pass, float *out) {
     case PASS_SURFACE:
         put_rgb(out, rgb_scale(rgb_add(pixel->surface, pixel->lamps), scale));
         break;
+    case PASS_ALBEDO:
+        put_rgb(out, rgb_scale(pixel->albedo, scale));
+        break;
+    case PASS_NORMAL: {
+        const Vec3 normal = vec3_scale(pixel->normal, scale);
+        put_rgb(out, rgb(normal.x, normal.y, normal.z));
+        break;
+    }
     default:
         out[0] = pixel->contribution > 0.0f ? pixel->frequency / pixel->contribution : 0.0f;
         break;

@@ -19,6 +19,8 @@ typedef struct FilmPixel {
     Rgb orders[FILM_ORDER_COUNT]; /* scattered once, twice, more often */
     Rgb surface;
     Rgb lamps;                    /* images of lamps: in no sum but that of the picture */
+    Rgb albedo;                   /* what denoisers ask for: no radiance; */
+    Vec3 normal;                  /* world */
     float parts[FILM_PART_COUNT]; /* of all this, by effect; mean of channels */
     float alpha;
     float frequency, contribution;
@@ -64,7 +66,7 @@ void film_read_row(Film *film, uint32_t pass, uint32_t y, float *out_row);
 /* Pass number of a name, or UINT32_MAX. */
 uint32_t film_pass_find(const char *name);
 
-enum { FILM_PASS_COUNT = 8 };
+enum { FILM_PASS_COUNT = 10 };
 typedef struct FilmPass {
     const char *name;
     uint32_t channels;

@@ -46,4 +46,18 @@ static inline Rgb medium_transmittance(const Medium *medium, float t) {
                expf(-medium->sigma_t.b * t));
 }
 
+static inline float medium_scattered_share(float sigma_s, float sigma_t, float t) {
+    return sigma_t > 0.0f ? sigma_s / sigma_t * -expm1f(-sigma_t * t) : 0.0f;
+}
+
+/* What of light is scattered, once at least, over distance t >= 0 (m), per channel, in [0,1]. */
+static inline Rgb medium_scattered(const Medium *medium, float t) {
+    Rgb sigma_s = rgb(0, 0, 0);
+    for (uint32_t i = 0; i < medium->lobe_count; ++i)
+        sigma_s = rgb_add(sigma_s, medium->lobes[i].sigma_s);
+    return rgb(medium_scattered_share(sigma_s.r, medium->sigma_t.r, t),
+               medium_scattered_share(sigma_s.g, medium->sigma_t.g, t),
+               medium_scattered_share(sigma_s.b, medium->sigma_t.b, t));
+}
+
 #endif

@@ -74,6 +74,8 @@ static void add_sample(AmbRender *render, const CameraSample *sample, uint32_t i
         sum->orders[k] = rgb_add(sum->orders[k], sample->orders[k]);
     sum->surface = rgb_add(sum->surface, sample->surface);
     sum->lamps = rgb_add(sum->lamps, sample->lamps);
+    sum->albedo = rgb_add(sum->albedo, sample->albedo);
+    sum->normal = vec3_add(sum->normal, sample->normal);
     for (int k = 0; k < CAMERA_PART_COUNT; ++k)
         sum->parts[k] += sample->parts[k];
     sum->alpha += sample->alpha;

@@ -36,6 +36,8 @@ def test_pixels_land_in_their_places(small, fake_library, render_to):
         "Depth.Z": 1,
         "Frequency.X": 1,
         "Error.X": 1,
+        **{f"Denoising Albedo.{c}": 1 for c in "RGB"},
+        **{f"Denoising Normal.{c}": 1 for c in "XYZ"},
     }
     for name in names:
         assert np.array_equal(channels[f"ViewLayer.{name}"], grid()), name
@@ -227,8 +229,8 @@ def test_pictures_on_the_way(small, fake_library, monkeypatch, render_to):
     channels = render_to()
     # Depth is not switched on.
     assert shown[0] == "Combined" and sorted(shown[1:]) == [
-        "Combined", "Double Scattering", "Error", "Frequency", "Multiple Scattering",
-        "Single Scattering", "Surface",
+        "Combined", "Denoising Albedo", "Denoising Normal", "Double Scattering", "Error",
+        "Frequency", "Multiple Scattering", "Single Scattering", "Surface",
     ]  # fmt: skip
     for name in ("Combined.R", "Surface.B", "Frequency.X"):
         assert np.array_equal(channels[f"ViewLayer.{name}"], grid()), name
