@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from .binding import library
 from .binding.handles import Render, Scene, import_numpy
@@ -16,8 +16,19 @@ from .export.upload import set_camera
 from .properties import read_settings
 from .render_job import Frame, committed_scene, render_params
 
-SAMPLES = 16
-LIGHT_SAMPLES = 200_000
+
+class Budget(NamedTuple):
+    """What a picture may cost at most."""
+
+    samples: int
+    light_samples: int
+
+
+# Who turns the view or a knob waits for a draft, whose light costs a tenth. It gives way to the
+# picture once it shows so many pixels: the rest would take as long as the picture's first sample.
+DRAFT, PICTURE = Budget(1, 4_000), Budget(16, 200_000)
+DRAFT_STEP = 2
+NOTHING = 1 << 30  # step of a picture that shows nothing
 
 
 class Viewport:
@@ -27,8 +38,10 @@ class Viewport:
         self.data: SceneData | None = None
         self.scene: Scene | None = None  # the data in the library
         self.render: Render | None = None
+        self.budget = DRAFT  # the render's
         self.view: Any = None
         self.shown: Any = None  # how much of the render the picture has
+        self.step = NOTHING  # the picture shows every so many pixels of the view
         self.texture: Any = None
         self.size = (0, 0)  # of the picture in the region, pixels
 
@@ -53,17 +66,20 @@ class Viewport:
             matrix_rows(view.window_matrix),
         )
         if self.data and (self.render is None or key != self.view):
-            self.stop()
-            self.view = key
-            self.start(context, depsgraph, self.data)
+            self.view, self.step = key, NOTHING
+            self.start(context, depsgraph, self.data, DRAFT)
         if self.render:
             progress = self.render.progress()
             engine.update_stats("Amberlight", f"{progress.stage}: {progress.detail}")
             done = (progress.pixel_step, progress.samples_done)
-            if progress.pixel_step > 0 and done != self.shown:
+            if 0 < progress.pixel_step <= self.step and done != self.shown:
                 self.take_picture(self.render, progress.pixel_step)
                 self.shown = done
-            if not self.render.wait(0.0):
+            has_ended = self.render.wait(0.0)
+            if self.data and self.budget is DRAFT and (has_ended or self.step <= DRAFT_STEP):
+                self.start(context, depsgraph, self.data, PICTURE)
+                has_ended = False
+            if not has_ended:
                 engine.tag_redraw()
         if self.texture:
             draw_texture(engine, depsgraph.scene, self.texture, self.size)
@@ -71,6 +87,7 @@ class Viewport:
     def take_picture(self, render: Render, step: int) -> None:
         """Of the pixels that are there; each stands for those up to the next."""
         pixels = render.read_pass("Combined")[::step, ::step]
+        self.step = step
         self.texture = make_texture(pixels)
         self.size = (step * pixels.shape[1], step * pixels.shape[0])
 
@@ -85,8 +102,10 @@ class Viewport:
             self.scene.close()
         self.scene = None
 
-    def start(self, context: Any, depsgraph: Any, data: SceneData) -> None:
-        settings = read_settings(depsgraph.scene).limited(SAMPLES, LIGHT_SAMPLES)
+    def start(self, context: Any, depsgraph: Any, data: SceneData, budget: Budget) -> None:
+        self.stop()
+        self.budget = budget
+        settings = read_settings(depsgraph.scene).limited(*budget)
         frame = Frame(context.region.width, context.region.height, coarse_first=True)
         data.camera = read_view(context)
         if self.scene:

@@ -12,32 +12,33 @@ from amberlight.operators import new_translucent_material
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from window_steps import area, run, say, step, steps, window  # noqa: E402
 
-seen = {"draws": [], "previews": 0, "renders": 0}
+seen = {"pictures": [], "previews": 0, "renders": 0}
 
 
 def watch():
-    draw, render = viewport.Viewport.draw, engine.AmberlightRenderEngine._render
+    take, render = viewport.Viewport.take_picture, engine.AmberlightRenderEngine._render
 
-    def draw_and_note(self, *arguments):
-        draw(self, *arguments)
-        seen["draws"].append(self.shown)
+    def take_and_note(self, *arguments):
+        take(self, *arguments)
+        seen["pictures"].append(self.budget)
 
     def render_and_note(self, depsgraph):
         render(self, depsgraph)
         seen["previews" if self.is_preview else "renders"] += 1
 
-    viewport.Viewport.draw = draw_and_note
+    viewport.Viewport.take_picture = take_and_note
     engine.AmberlightRenderEngine._render = render_and_note
 
 
 def has_drawn(name):
-    """Waits for a picture in the viewport."""
+    """Waits for a picture in the viewport; a draft of it comes first."""
 
     def look():
-        if not any(seen["draws"]):
+        pictures = seen["pictures"]
+        if viewport.PICTURE not in pictures:
             return False
-        say(name)
-        seen["draws"].clear()
+        say(f"{name}{'' if pictures[0] == viewport.DRAFT else ' without a draft'}")
+        pictures.clear()
         return True
 
     return look
