@@ -19,7 +19,8 @@ bl_info = {
 
 # Registered in this order, unregistered in the reverse one.
 MODULES = (
-    "properties", "properties_cost", "operators", "operators_cost", "engine", "ui", "ui_cost",
+    "properties", "properties_cost", "operators", "operators_cost", "operators_world", "engine",
+    "world_bake", "ui", "ui_cost",
 )  # fmt: skip
 
 

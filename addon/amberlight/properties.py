@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Settings of a scene: scene.amberlight."""
+"""Settings of scenes, materials and worlds: their property amberlight."""
 
 # No postponed annotations here: Blender reads the properties from the annotations themselves.
 from typing import Any
@@ -240,6 +240,27 @@ class AmberlightMaterialSettings(bpy.types.PropertyGroup):
     )
 
 
+class AmberlightWorldSettings(bpy.types.PropertyGroup):
+    image: PointerProperty(
+        name="Baked World",
+        description="What Cycles found that the nodes of the world show, in all directions",
+        type=bpy.types.Image,
+    )
+    fingerprint: StringProperty(
+        name="Fingerprint",
+        description="Of the nodes that were baked: they have changed where it is another",
+        options={"HIDDEN"},
+    )
+    width: IntProperty(
+        name="Width",
+        description="Pixels around the horizon; 0 = those of the widest image in the nodes, but "
+        "from 2048 to 8192",
+        min=0,
+        max=16384,
+        default=0,
+    )
+
+
 def read_settings(scene: bpy.types.Scene) -> Settings:
     """The settings of a scene as plain values."""
     group: Any = scene.amberlight
@@ -249,12 +270,16 @@ def read_settings(scene: bpy.types.Scene) -> Settings:
 def register() -> None:
     bpy.utils.register_class(AmberlightSceneSettings)
     bpy.utils.register_class(AmberlightMaterialSettings)
+    bpy.utils.register_class(AmberlightWorldSettings)
     bpy.types.Scene.amberlight = PointerProperty(type=AmberlightSceneSettings)
     bpy.types.Material.amberlight = PointerProperty(type=AmberlightMaterialSettings)
+    bpy.types.World.amberlight = PointerProperty(type=AmberlightWorldSettings)
 
 
 def unregister() -> None:
+    del bpy.types.World.amberlight
     del bpy.types.Material.amberlight
     del bpy.types.Scene.amberlight
+    bpy.utils.unregister_class(AmberlightWorldSettings)
     bpy.utils.unregister_class(AmberlightMaterialSettings)
     bpy.utils.unregister_class(AmberlightSceneSettings)

@@ -8,8 +8,10 @@ from typing import Any
 import bpy
 
 from . import report as reports
+from .binding.errors import AmberlightError
 from .passes import PASSES
 from .render_job import EFFECTS
+from .world_bake import state_of
 
 ENGINE = "AMBERLIGHT"
 
@@ -224,6 +226,36 @@ class AMBERLIGHT_WORLD_PT_surface(_Panel, bpy.types.Panel):
             self.column(self.layout).prop(world, "color")
 
 
+BAKE_TEXTS = {
+    "NOT_NEEDED": ("Not needed: the nodes are rendered as they are", "CHECKMARK"),
+    "MISSING": ("Not baked: some nodes are not understood", "ERROR"),
+    "CURRENT": ("Baked", "CHECKMARK"),
+    "STALE": ("Out of date: the nodes have changed", "ERROR"),
+}
+
+
+class AMBERLIGHT_WORLD_PT_bake(_Panel, bpy.types.Panel):
+    bl_label = "Bake"
+    bl_context = "world"
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        return context.world is not None and context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: Any) -> None:
+        world = context.world
+        col = self.column(self.layout)
+        try:
+            text, icon = BAKE_TEXTS[state_of(world, context.scene.frame_current)]
+        except AmberlightError as error:
+            text, icon = str(error), "ERROR"
+        col.label(text=text, icon=icon)
+        col.prop(world.amberlight, "width")
+        row = col.row(align=True)
+        row.operator("amberlight.bake_world")
+        row.operator("amberlight.clear_baked_world")
+
+
 class _MaterialPanel(_Panel):
     bl_context = "material"
 
@@ -298,6 +330,7 @@ SHADERS = (
     ("ShaderNodeEmission", "Emission"),
     ("ShaderNodeBackground", "Background"),
     ("ShaderNodeTexEnvironment", "Environment Texture"),
+    ("ShaderNodeTexSky", "Sky Texture"),
     ("ShaderNodeMapping", "Mapping"),
     ("ShaderNodeTexCoord", "Texture Coordinate"),
     ("ShaderNodeVolumeScatter", "Volume Scatter"),
@@ -338,6 +371,7 @@ CLASSES = (
     AMBERLIGHT_RENDER_PT_last,
     AMBERLIGHT_LIGHT_PT_light,
     AMBERLIGHT_WORLD_PT_surface,
+    AMBERLIGHT_WORLD_PT_bake,
     AMBERLIGHT_MATERIAL_PT_new,
     AMBERLIGHT_MATERIAL_PT_surface,
     AMBERLIGHT_MATERIAL_PT_volume,

@@ -594,6 +594,8 @@ class RandomScene:
         self.scene.world = world
         self.set(world, use_nodes=self.chance(0.9))
         self.set(world, color=self.numbers(3))
+        # Cycles bakes what we do not understand, which is to take little of a scene's time.
+        self.set(world.amberlight, width=64)
         tree = world.node_tree
         if tree is None:
             return

@@ -120,6 +120,30 @@ def test_exit_code_of_a_render(render, fake_library):
     assert len(remarks) == 1 and "warning" in remarks[0].lower(), output
 
 
+SKY = """
+world = scene.world = bpy.data.worlds.new("World")
+if bpy.app.version < (5, 0):
+    world.use_nodes = True
+sky = world.node_tree.nodes.new("ShaderNodeTexSky")
+background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+world.node_tree.links.new(sky.outputs[0], background.inputs["Color"])
+world.amberlight.width = {width}
+"""
+
+
+def test_a_render_bakes_the_world(render, fake_library):
+    code, output, image = render(SKY.format(width=64), library=fake_library)
+    assert code == 0 and image.is_file(), output
+    assert output.count('Amberlight: baking world "World"') == 1, output
+    assert "Bake World" not in output
+
+
+def test_interrupt_of_a_bake(start, fake_library, tmp_path):
+    """Ends the render that waits for it, too."""
+    script = SKY.format(width=4096)
+    assert interrupted(start, tmp_path, script, "Sample 1/", library=fake_library) < 20
+
+
 BAD = {
     "no camera": ("scene.camera = None", "Cannot render, no camera"),
     "no mesh that is finite": (
@@ -162,12 +186,12 @@ def wait_for(process, text):
     pytest.fail(f"Blender ended without saying {text!r}")
 
 
-def interrupted(start, tmp_path, script, **options):
-    """Seconds from SIGINT in the midst of a render to Blender's end."""
+def interrupted(start, tmp_path, script, sign="Amberlight: ", **options):
+    """Seconds from SIGINT, once a render has said `sign`, to Blender's end."""
     path = tmp_path / "scene.py"
     path.write_text(SCENE + script)
     process = start("--python", path, "-o", tmp_path / "image", "-F", "PNG", "-f", 1, **options)
-    wait_for(process, "Amberlight: ")
+    wait_for(process, sign)
     process.send_signal(signal.SIGINT)
     begin = time.perf_counter()
     process.communicate(timeout=60)
@@ -215,7 +239,10 @@ def run_in_window(start, fake_library, script, *arguments):
 def test_window(start, fake_library):
     """Viewport, panels and F12 in a Blender with a window."""
     code, output = run_in_window(start, fake_library, "window_script.py")
-    for line in ("first", "moved", "changed", "orthographic", "renders 1", "the end"):
+    for line in (
+        "first", "moved", "changed", "orthographic", "renders 1", "baked CURRENT",
+        "undone MISSING", "redone CURRENT", "the end",
+    ):  # fmt: skip
         assert f"SAW {line}\n" in output, output
     # A panel that fails to draw says so here.
     assert "addons/amberlight" not in output and "rna_uiItemR" not in output, output

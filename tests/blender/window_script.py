@@ -8,6 +8,7 @@ from pathlib import Path
 import bpy
 from amberlight import engine, viewport
 from amberlight.operators import new_translucent_material
+from amberlight.world_bake import state_of
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from window_steps import area, run, say, step, steps, window  # noqa: E402
@@ -102,6 +103,38 @@ def final_render():
     with bpy.context.temp_override(window=window()):
         bpy.ops.render.render()
     say(f"renders {seen['renders']}")
+
+
+def baked(name):
+    scene = bpy.context.scene
+    say(f"{name} {state_of(scene.world, scene.frame_current)}")
+
+
+@step
+def a_world_to_bake():
+    world = bpy.context.scene.world
+    sky = world.node_tree.nodes.new("ShaderNodeTexSky")
+    background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+    world.node_tree.links.new(sky.outputs[0], background.inputs["Color"])
+    world.amberlight.width = 64
+    with bpy.context.temp_override(window=window()):
+        bpy.ops.ed.undo_push(message="sky")
+        bpy.ops.amberlight.bake_world("EXEC_DEFAULT", True)
+    baked("baked")
+
+
+@step
+def take_it_back():
+    with bpy.context.temp_override(window=window()):
+        bpy.ops.ed.undo()
+    baked("undone")
+
+
+@step
+def and_again():
+    with bpy.context.temp_override(window=window()):
+        bpy.ops.ed.redo()
+    baked("redone")
 
 
 for name in ("RENDER", "OUTPUT", "VIEW_LAYER", "WORLD", "OBJECT", "MATERIAL"):

@@ -42,7 +42,9 @@ def extract_scene(
         )
     exporter.objects()
     data = exporter.data
-    data.world, data.world_image = read_world(scene.world, exporter.version, log)
+    data.world, data.world_image = read_world(
+        scene.world, exporter.version, log, scene.frame_current
+    )
     return exporter.data
 
 

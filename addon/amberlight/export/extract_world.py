@@ -3,16 +3,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mathutils import Euler
 
 from ..binding.handles import import_numpy
 from . import conventions as conv
 from .export_log import ExportLog
-from .image_nodes import ImageReader, Texture
+from .image_nodes import ImageReader, Texture, read_pixels
 from .node_tree import Path, Source
 from .scene_data import BLACK, RGB, WHITE, WorldImageData
+from .tree_fingerprint import fingerprint
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -21,38 +26,89 @@ VISIBILITY = ("camera", "diffuse", "glossy", "transmission", "scatter")
 Terms = tuple[RGB, list[Texture]]
 NONE: Terms = (BLACK, [])
 
+# What the user is asked to press.
+BAKE = "Bake World (World properties)"
+
 
 def read_world(
-    world: Any, version: conv.Version, log: ExportLog
+    world: Any, version: conv.Version, log: ExportLog, frame: int = 0
 ) -> tuple[RGB, WorldImageData | None]:
-    """Radiance of the surroundings: constant where there is no image, else in the image."""
+    """Radiance of the surroundings: constant where there is no image, else in the image. `frame`:
+    that of the scene, for a world whose nodes were baked."""
     if world is None:
         return BLACK, None
-    where = f'world "{world.name}"'
+    where = place(world)
     visibility = getattr(world, "cycles_visibility", None)
     if not all(getattr(visibility, name, True) for name in VISIBILITY):
         log.warn(where, "the ray visibility of the world is ignored")
-    if not (world.node_tree and (version >= (5, 0) or world.use_nodes)):
+    if not has_nodes(world, version):
         return (world.color[0], world.color[1], world.color[2]), None
-    return _WorldReader(world.node_tree, where, log).read()
+    reader = _WorldReader(world.node_tree, where, log)
+    constant, texture = reader.parts()
+    settings = world.original.amberlight
+    if reader.problems and settings.image is not None:
+        if settings.fingerprint != fingerprint(world, frame):
+            log.warn(where, f"what was baked of the world is out of date: {BAKE}")
+        return BLACK, reader.baked(settings.image)
+    for message, places in reader.problems.entries.items():
+        for problem in places:
+            log.warn(problem, message)
+    if reader.problems:
+        log.warn(where, f"{BAKE} lets Cycles evaluate nodes that are not understood")
+    image = reader.image(texture, constant) if texture else None
+    if isinstance(image, tuple):
+        constant, image = image, None
+    return _positive(constant), image
+
+
+def is_understood(world: Any, version: conv.Version) -> bool:
+    """Whether the world's nodes are rendered as they are without being baked."""
+    if not has_nodes(world, version):
+        return True
+    reader = _WorldReader(world.node_tree, place(world), ExportLog())
+    reader.parts()
+    return not reader.problems
+
+
+def has_nodes(world: Any, version: conv.Version) -> bool:
+    return bool(world.node_tree) and (version >= (5, 0) or bool(world.use_nodes))
+
+
+def place(world: Any) -> str:
+    return f'world "{world.name}"'
 
 
 class _WorldReader(ImageReader):
+    """`problems`: what the nodes say and is not understood."""
+
     image_type = "TEX_ENVIRONMENT"
 
-    def read(self) -> tuple[RGB, WorldImageData | None]:
+    def __init__(self, tree: Any, where: str, log: ExportLog) -> None:
+        super().__init__(tree, where, log)
+        self.problems = ExportLog()
+
+    def warn(self, node: Any, message: str) -> None:
+        self.problems.warn(self.named(node), message)
+
+    def parts(self) -> tuple[RGB, Texture | None]:
+        """The constant and the image that make up the surroundings."""
         output = self.output("OUTPUT_WORLD")
         if output is None:
             return BLACK, None
         if self.is_linked(output, "Volume"):
-            self.warn(output, "the volume of the world is ignored")
+            self.note(output, "the volume of the world is ignored")
         constant, textures = self.terms(output.inputs["Surface"], ())
         for texture in textures[1:]:
             self.warn(texture.node, "a second image of the world is left out")
-        image = self.image(textures[0], constant) if textures else None
-        if isinstance(image, tuple):
-            constant, image = image, None
-        return _positive(constant), image
+        if not textures:
+            return constant, None
+        if self.check_image(textures[0].node):
+            self.rotation(textures[0])
+            if textures[0].node.projection != "EQUIRECTANGULAR":
+                self.warn(
+                    textures[0].node, "mirror balls are not supported, the image's mean is used"
+                )
+        return constant, textures[0]
 
     # ---- Nodes -----------------------------------------------------------------------------------
 
@@ -113,22 +169,30 @@ class _WorldReader(ImageReader):
 
     def image(self, texture: Texture, constant: RGB) -> WorldImageData | RGB:
         """The radiance image; or its mean, with the constant, where it cannot be one."""
-        pixels = self.pixels(texture.node)
+        node = texture.node
+        pixels = self.pixels(node)
         if pixels is None:
             return constant
         np = import_numpy()
         radiance = pixels * np.array(texture.factor, np.float32) + np.array(constant, np.float32)
-        finite = np.isfinite(radiance)
-        if not finite.all():
-            self.warn(texture.node, "pixels that are not finite are limited to the largest one")
-            largest = radiance[finite].max() if finite.any() else 0.0
-            radiance = np.nan_to_num(radiance, nan=0.0, posinf=largest, neginf=0.0)
-        radiance = np.maximum(radiance, 0.0).astype(np.float32, copy=False)
-        if texture.node.projection != "EQUIRECTANGULAR":
-            self.warn(texture.node, "mirror balls are not supported, the image's mean is used")
+        radiance = self.limited(radiance, self.named(node))
+        if node.projection != "EQUIRECTANGULAR":
             mean = radiance.mean(axis=(0, 1), dtype=np.float64)
             return (float(mean[0]), float(mean[1]), float(mean[2]))
         return WorldImageData(radiance, self.rotation(texture))
+
+    def baked(self, image: Any) -> WorldImageData:
+        return WorldImageData(self.limited(read_pixels(image), self.where), IDENTITY)
+
+    def limited(self, radiance: NDArray[np.float32], where: str) -> NDArray[np.float32]:
+        """What a renderer can sample: finite, and not negative."""
+        np = import_numpy()
+        finite = np.isfinite(radiance)
+        if not finite.all():
+            self.log.warn(where, "pixels that are not finite are limited to the largest one")
+            largest = radiance[finite].max() if finite.any() else 0.0
+            radiance = np.nan_to_num(radiance, nan=0.0, posinf=largest, neginf=0.0)
+        return np.maximum(radiance, 0.0).astype(np.float32, copy=False)
 
 
 def _sum(parts: list[tuple[float, Terms]]) -> Terms:

@@ -90,32 +90,42 @@ class ImageReader(TreeReader):
         turn, scale = self.color(node, "Rotation", path), self.color(node, "Scale", path)
         return name, _mapping(place, turn, scale, is_inverse=node.vector_type == "TEXTURE")
 
-    def pixels(self, node: Any) -> NDArray[np.float32] | None:
-        """(height, width, 3), scene-linear, row 0 at the bottom; None: it cannot be read."""
+    def check_image(self, node: Any) -> bool:
+        """Whether the node's image can be read; names what is then not as it should be."""
         image = node.image
         if image is None:
-            self.warn(node, "it has no image and is left out")
-            return None
+            self.note(node, "it has no image and is left out")
+            return False
         if image.source in {"SEQUENCE", "MOVIE", "TILED"}:
             kind = image.source.lower()
             self.warn(node, f"an image of kind {kind} is read as one image")
-        np = import_numpy()
         width, height = image.size
-        flat = np.empty(len(image.pixels), np.float32)
-        if width * height == 0 or flat.size < width * height:
-            self.warn(node, f'image "{image.name}" cannot be read and is left out')
-            return None
-        image.pixels.foreach_get(flat)
-        pixels = flat.reshape(height, width, -1)
-        # One channel or two are grey, and alpha.
-        pixels = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
-        # Blender holds images of floats in the scene's linear space, those of bytes as they are.
+        if width * height == 0 or len(image.pixels) < width * height:
+            self.note(node, f'image "{image.name}" cannot be read and is left out')
+            return False
         space = image.colorspace_settings.name
-        if image.is_float or space in LINEAR:
-            return pixels
-        if space != "sRGB":
+        if not (image.is_float or space in LINEAR or space == "sRGB"):
             self.warn(node, f'colour space "{space}" is taken as sRGB')
-        return conv.srgb_to_linear(pixels)
+        return True
+
+    def pixels(self, node: Any) -> NDArray[np.float32] | None:
+        """(height, width, 3), scene-linear, row 0 at the bottom; None: it cannot be read."""
+        return read_pixels(node.image) if self.check_image(node) else None
+
+
+def read_pixels(image: Any) -> NDArray[np.float32]:
+    """(height, width, 3), scene-linear, row 0 at the bottom."""
+    np = import_numpy()
+    width, height = image.size
+    flat = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(flat)
+    pixels = flat.reshape(height, width, -1)
+    # One channel or two are grey, and alpha.
+    pixels = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
+    # Blender holds images of floats in the scene's linear space, those of bytes as they are.
+    if image.is_float or image.colorspace_settings.name in LINEAR:
+        return pixels
+    return conv.srgb_to_linear(pixels)  # type: ignore[no-any-return]
 
 
 def _coordinates(source: Source) -> str | None:

@@ -74,9 +74,16 @@ class TreeReader:
                 raise AmberlightError(f"{self.where}: its nodes are too many in a row") from None
         return self.known[key]
 
+    def named(self, node: Any) -> str:
+        return f'{self.where}, node "{node.name}"' if node is not None else self.where
+
     def warn(self, node: Any, message: str) -> None:
-        place = f'{self.where}, node "{node.name}"' if node is not None else self.where
-        self.log.warn(place, message)
+        """The nodes say what is not understood, and so not rendered."""
+        self.log.warn(self.named(node), message)
+
+    def note(self, node: Any, message: str) -> None:
+        """Nothing is misunderstood, but it must be said."""
+        self.log.warn(self.named(node), message)
 
     def output(self, kind: str) -> Any:
         """The active output node for this engine: ALL and CYCLES count, as materials are made for
@@ -176,7 +183,7 @@ class TreeReader:
             return _default(node.outputs[0])
         if node.type == "LIGHT_PATH" and source.socket.name.startswith("Is "):
             # Mixes of what the camera sees with what lights the scene are the latter.
-            self.warn(node, "kinds of rays are not told apart, it is 0 for all")
+            self.note(node, "kinds of rays are not told apart, it is 0 for all")
             return 0.0
         return self.once("value", source, lambda node, path: self._value_of(node, path, depth))
 

@@ -159,5 +159,7 @@ def test_world(scene, export):
     data, lines = export()
     assert data.world == pytest.approx((1, 0.5, 2))
     assert lines == [
-        'input "Color" is not a constant, its own value is used: world "World", node "Background"'
+        'input "Color" is not a constant, its own value is used: world "World", node "Background"',
+        "Bake World (World properties) lets Cycles evaluate nodes that are not understood: "
+        'world "World"',
     ]

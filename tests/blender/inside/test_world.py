@@ -107,6 +107,7 @@ def test_what_is_not_understood_is_named(world, export):
     assert [line.split(": ")[0] for line in export()[1]] == [
         "its scale is ignored",
         "its location is ignored",
+        "Bake World (World properties) lets Cycles evaluate nodes that are not understood",
     ]
     world.texture.image = None
     data, lines = export()
