@@ -10,7 +10,8 @@ n^(-1/2), of photons with n^(-1/3): cells get smaller as photons get more. Then 
 radius 20, as sphere and as bumpy sphere, against photons sixteen times as many and along other
 camera rays, kept under build/bench. --means is the bias of photons: means of small pictures to
 those of walks; --normals is the same of coarse meshes with smooth normals, all reflections, light
-corrected for these; --tracer is the same to the stored orders of the independent path tracer.
+corrected for these, and of a candle by regions; --tracer is the same to the stored orders of the
+independent path tracer.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ from api import (  # noqa: E402
 )
 from meshes import Mesh, bumpy_sphere, icosphere  # noqa: E402
 from order_scenes import passes, reference_scene, stored_orders, whole  # noqa: E402
+from test_thick import candle_regions  # noqa: E402
 
 LATER = _ffi.AMB_EFFECT_DOUBLE_SCATTERING | _ffi.AMB_EFFECT_MULTIPLE_SCATTERING
 WALK, PHOTONS = _ffi.AMB_SCATTER_WALK, _ffi.AMB_SCATTER_PHOTONS
@@ -262,6 +264,24 @@ def jade(name: str, mesh: Mesh, unit: float, threads: int) -> None:
     )
 
 
+def compare_candle(threads: int, seeds: int = 4) -> None:
+    """Regions of a candle whose normals are far from those of its faces."""
+
+    def regions(estimator: int, **budget: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        runs = [
+            candle_regions(estimator, seed=seed, threads=threads, **budget)
+            for seed in range(1, seeds + 1)
+        ]
+        return np.mean(runs, axis=0), np.std(runs, axis=0, ddof=1) / np.sqrt(seeds)
+
+    walks, walk_error = regions(WALK, samples=512)
+    photons, photon_error = regions(PHOTONS, samples=64, light_samples=2**20)
+    print("\n| candle | photons to walks, all orders |\n|---|---|")
+    for k, name in enumerate(("top", "side", "foot")):
+        error = np.hypot(walk_error[k] / walks[k], photon_error[k] / photons[k])
+        print(f"| {name} | {photons[k] / walks[k] - 1:+.1%} ({error:.1%}) |", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--jade", action="store_true", help="jade alone, without the table")
@@ -276,6 +296,8 @@ def main() -> None:
         smooth = {"adjoint_normals": 1, "light_bounces": 16, "camera_bounces": 16}
         for row in MEANS if arguments.means else COARSE:
             compare_means(row, arguments.threads, **({} if arguments.means else smooth))
+        if arguments.normals:
+            compare_candle(arguments.threads)
         return
     if arguments.tracer:
         print("| body, optical radius | g | order 2 | order 3+ |")

@@ -96,6 +96,33 @@ def torus(around: int, across: int, radius: float = 0.7, tube: float = 0.3) -> M
     return Mesh(radius * ring + tube * normals, triangles.astype(np.uint32), normals)
 
 
+def lathe(profile: list[tuple[float, float]], around: int = 24) -> Mesh:
+    """(radius, z) turned around z, from an end on the axis to the other, with smooth normals."""
+    turns = 2 * np.pi * np.arange(around) / around
+    ring = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+    inner = profile[1:-1]
+    points = [(0.0, 0.0, profile[0][1]), (0.0, 0.0, profile[-1][1])]
+    points += [(r * x, r * y, z) for r, z in inner for x, y in ring]
+    faces = []
+    for i in range(around):
+        j = (i + 1) % around
+        faces.append((0, 2 + j, 2 + i))
+        last = 2 + (len(inner) - 1) * around
+        faces.append((1, last + i, last + j))
+        for k in range(len(inner) - 1):
+            a, b = 2 + k * around, 2 + (k + 1) * around
+            faces += [(a + i, a + j, b + j), (a + i, b + j, b + i)]
+    positions = np.array(points)
+    triangles = np.array(faces, dtype=np.uint32)
+    corners = positions[triangles]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(positions)
+    for k in range(3):
+        np.add.at(normals, triangles[:, k], areas)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Mesh(positions, triangles, normals)
+
+
 def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
     """Axis-aligned box with flat faces, 12 triangles."""
     lo, hi = np.array(low), np.array(high)

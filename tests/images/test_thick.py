@@ -19,7 +19,7 @@ from api import (
     rgb,
     set_perspective,
 )
-from meshes import Mesh, box, icosphere
+from meshes import Mesh, box, icosphere, lathe
 from numpy.typing import NDArray
 from order_scenes import ORDERS, passes, reference_scene, stored_orders, whole
 
@@ -71,6 +71,32 @@ def walk_means(
     )
     error = np.sqrt(((a - b) ** 2).sum(axis=(1, 2))) / (2 * size * size)
     return (a + b).mean(axis=(1, 2)) / 2, error
+
+
+CANDLE = lathe([(0, -0.78), (0.5, -0.78), (0.5, 0.75), (0.45, 0.8), (0.3, 0.7), (0, 0.65)])
+
+
+def candle_regions(estimator: int, **params: int) -> NDArray[np.float64]:
+    """Mean radiance of the top, the side and the foot of a smooth candle of six points, whose
+    normals turn by up to 45 degrees along the side."""
+
+    def build(scene: handles.Scene) -> None:
+        add_body(scene, CANDLE, Medium(1.4, 3.0, 0.03))
+        add_point(scene, (0, -0.3, 1.3), 10.0)
+        set_perspective(scene, (0, -5, 0), (0, 1, 0), (0, 0, 1), 0.36)
+
+    smooth = {"adjoint_normals": 1, "light_bounces": 16, "camera_bounces": 16}
+    settings = smooth | {"effects": SINGLE | DOUBLE | MULTIPLE, "scatter_estimator": estimator}
+    rows = shoot(build, 16, **settings | params)[0][3].mean(axis=(1, 2))
+    return np.array([rows[11:].mean(), rows[5:11].mean(), rows[:5].mean()])
+
+
+def test_normals_far_from_their_faces() -> None:
+    """By photons as by walks."""
+    walks = np.mean([candle_regions(WALK, samples=128, seed=seed) for seed in (1, 2)], axis=0)
+    budget = {"samples": 32, "light_samples": 2**20}
+    photons = np.mean([candle_regions(PHOTONS, seed=seed, **budget) for seed in (1, 2)], axis=0)
+    assert photons == pytest.approx(walks, rel=0.03)
 
 
 def test_white_furnace() -> None:

@@ -224,7 +224,9 @@ BoundaryCrossing boundary_cross(const AmbScene *scene, const MediumStack *stack,
     const Vec3 ng = vec3_scale(crossing.surface.ng, side);
     crossing.n = vec3_scale(crossing.surface.ns, side);
     /* Interpolation can turn the normal away from the ray near a silhouette. */
-    if (vec3_dot(d, crossing.n) >= 0.0f)
+    const Vec3 ns = crossing.n;
+    const bool is_away = vec3_dot(d, ns) >= 0.0f;
+    if (is_away)
         crossing.n = ng;
     crossing.split = dielectric_split(d, crossing.n, crossing.eta);
     crossing.can_refract =
@@ -235,6 +237,11 @@ BoundaryCrossing boundary_cross(const AmbScene *scene, const MediumStack *stack,
     crossing.reflected = keep_side(crossing.split.reflected, ng);
     crossing.adjoint_refract = adjoint_factor(d, crossing.split.refracted, crossing.n, ng);
     crossing.adjoint_reflect = adjoint_factor(d, crossing.split.reflected, crossing.n, ng);
+    /* Of camera paths only those meet the face's own normal from which the other is turned away. */
+    if (is_away) {
+        crossing.adjoint_refract = vec3_dot(crossing.split.refracted, ns) >= 0.0f ? 1.0f : 0.0f;
+        crossing.adjoint_reflect = 0.0f;
+    }
     return crossing;
 }
 

@@ -54,7 +54,8 @@ typedef struct BoundaryCrossing {
      * that carry radiance. Ended there, they would leave rims of coarse smooth meshes dark. */
     Vec3 refracted, reflected;
     float adjoint_refract; /* Veach's correction for shading normals when light is traced, */
-    float adjoint_reflect; /* |wo.Ns| |wt.Ng| / (|wo.Ng| |wt.Ns|)  [Veach97] 5.3.2 */
+    float adjoint_reflect; /* |wo.Ns| |wt.Ng| / (|wo.Ng| |wt.Ns|)  [Veach97] 5.3.2; 0 where Ns is
+                            * turned away from the light and no camera path comes that way */
     /* Where faces of several objects lie on one another: the one of the object whose medium begins
      * or ends there, of the higher priority if these are two. Else as given. */
     SurfacePoint surface;

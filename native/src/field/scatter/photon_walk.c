@@ -6,6 +6,7 @@
 
 #include "base/memory.h"
 #include "base/rng.h"
+#include "field/scatter/smooth_wall.h"
 
 enum { BOUNDARY_MAX = 4096 }; /* boundaries of one photon, a guard against endless reflection */
 
@@ -22,6 +23,11 @@ static const float ROULETTE_SHARE = 0.25f;
  * falls as the root of n, so that its few longest walks would take nearly all the time, as many
  * scatterings on average as the object is free paths wide. */
 static const uint32_t ORDER_LONG = 1 << 12;
+
+/* With more than so many times the flux they had, photons are divided into equal parts, at most so
+ * many: what follows of a heavy one averages out. And into so many in all. */
+static const float DIVIDE_SHARE = 2.0f;
+enum { PARTS_MAX = 16, PARTS_OF_PHOTON_MAX = 4096 };
 
 typedef struct Walker {
     const PhotonWalk *walk;
@@ -40,12 +46,14 @@ typedef struct Walker {
     uint32_t order;       /* scatterings so far */
     uint32_t still;       /* flights until now that moved nothing */
     uint32_t reflections; /* internal ones, before the first scattering */
+    uint32_t *parts;      /* into which its photon may still be divided */
     bool is_of_surroundings;
     bool is_straight;   /* from a lamp, nothing met yet */
     bool has_left;      /* an object */
     bool has_turned;    /* off an opaque surface, or off the outside of an object; */
     bool comes_from_it; /* that surface, with nothing met since; */
     bool has_scattered; /* since then */
+    bool has_grown;     /* in flux, at the last boundary */
 } Walker;
 
 static void follow(Walker *walker, const Hit *first);
@@ -353,6 +361,29 @@ static void reflect_outside(Walker *walker, const BoundaryCrossing *crossing) {
         follow(&part, &hit);
 }
 
+/* Light from outside enters by its transmittance; inside, and once it has scattered, one of both
+ * ways is drawn. Where Veach's correction leaves no light on that way, it ends. */
+static WallTurn turn_at(Walker *walker, const BoundaryCrossing *crossing) {
+    const bool corrects = walker->walk->params->adjoint_normals;
+    const float reflectance = crossing->split.reflectance;
+    const bool enters = walker->order == 0 && walker->stack.count == 0 && !walker->has_turned;
+    if (corrects && walker->order > 0 && smooth_wall_is_bent(crossing)) {
+        const float u = next_random(walker);
+        return smooth_wall_turn(crossing, walker->d, (Sample2){u, next_random(walker)});
+    }
+    WallTurn turn = {.d = crossing->refracted, .weight = enters ? 1.0f - reflectance : 1.0f};
+    turn.is_refracted = enters || (reflectance < 1.0f && next_random(walker) >= reflectance);
+    if (!turn.is_refracted)
+        turn.d = crossing->reflected;
+    if (corrects && turn.is_refracted)
+        turn.weight *= crossing->can_refract ? crossing->adjoint_refract : 0.0f;
+    else if (corrects)
+        turn.weight *= crossing->can_reflect ? crossing->adjoint_reflect : 0.0f;
+    else if (enters && !crossing->can_refract)
+        turn.weight = 0.0f;
+    return turn;
+}
+
 /* Light goes on beyond a boundary, or back from it. False: it ends there. */
 static bool meet(Walker *walker, const Hit *hit) {
     const AmbScene *scene = walker->walk->scene;
@@ -377,41 +408,23 @@ static bool meet(Walker *walker, const Hit *hit) {
     if (walker->has_left && is_outside && walker->order == 0 && !walker->is_of_surroundings &&
         !params->follows_through)
         return false;
-    const DielectricSplit *split = &crossing.split;
-    const bool is_adjoint = params->adjoint_normals && walker->order == 0;
-    /* Light from outside enters by its transmittance; inside, and once it has scattered, one of
-     * both ways is drawn. Where Veach's correction leaves no light to refract, all is reflected. */
-    bool is_refracted = true;
-    float weight = 1.0f;
-    if (is_outside && walker->order == 0 && !walker->has_turned) {
-        if (params->returns)
-            reflect_outside(walker, &crossing);
-        if (!crossing.can_refract)
-            return false;
-        weight = 1.0f - split->reflectance;
-    } else {
-        const bool can_refract = is_adjoint ? crossing.can_refract : split->reflectance < 1.0f;
-        is_refracted = can_refract && next_random(walker) >= split->reflectance;
-    }
-    if (is_refracted) {
-        walker->d = crossing.refracted;
-        walker->flux = rgb_mul(walker->flux, crossing.surface.material->transmit_color);
-        if (is_adjoint)
-            weight *= crossing.adjoint_refract;
-    } else {
-        walker->d = crossing.reflected;
-        walker->flux = rgb_mul(walker->flux, crossing.surface.material->reflect_color);
-        if (is_adjoint)
-            weight *= crossing.adjoint_reflect;
-        if (walker->order == 0 && !walker->is_of_surroundings &&
-            ++walker->reflections > params->light_bounces)
-            return false;
-    }
-    walker->flux = rgb_scale(walker->flux, weight);
+    if (is_outside && walker->order == 0 && !walker->has_turned && params->returns)
+        reflect_outside(walker, &crossing);
+    const WallTurn turn = turn_at(walker, &crossing);
+    if (!(turn.weight > 0.0f))
+        return false;
+    const SceneMaterial *material = crossing.surface.material;
+    const Rgb color = turn.is_refracted ? material->transmit_color : material->reflect_color;
+    if (!turn.is_refracted && walker->order == 0 && !walker->is_of_surroundings &&
+        ++walker->reflections > params->light_bounces)
+        return false;
+    walker->d = turn.d;
+    walker->flux = rgb_scale(rgb_mul(walker->flux, color), turn.weight);
+    walker->has_grown = walker->order > 0 && turn.weight > 1.0f;
     walker->o = scene_leave(&crossing.surface, walker->d);
     walker->way = 0.0f;
     walker->depth = 0.0f;
-    if (is_refracted) {
+    if (turn.is_refracted) {
         walker->stack = crossing.beyond;
         if (is_outside)
             tally_add(walker->tally->entered, walker->flux);
@@ -513,6 +526,23 @@ static bool fly_divided(Walker *walker, const Medium *medium, Hit *out_hit) {
     return true;
 }
 
+/* Follows all parts but one of a photon that has grown. */
+static void divide(Walker *walker) {
+    const float share = rgb_max(walker->flux) / walker->worth;
+    if (!(share > DIVIDE_SHARE))
+        return;
+    const uint32_t wanted = share < (float)PARTS_MAX ? (uint32_t)ceilf(share) : PARTS_MAX;
+    const uint32_t more = wanted - 1 < *walker->parts ? wanted - 1 : *walker->parts;
+    *walker->parts -= more;
+    walker->flux = rgb_scale(walker->flux, 1.0f / (float)(more + 1));
+    for (uint32_t i = 0; i < more; ++i) {
+        Walker part = *walker;
+        part.rng.key = rng_mix(walker->rng.key + rng_mix(walker->dimension++));
+        part.dimension = 0;
+        follow(&part, NULL);
+    }
+}
+
 /* Follows a photon that meets a boundary, or is in a medium (hit NULL). */
 static void follow(Walker *walker, const Hit *first) {
     if (first != NULL && !meet(walker, first))
@@ -533,6 +563,8 @@ static void follow(Walker *walker, const Hit *first) {
             ++boundaries;
             if (!meet(walker, &hit))
                 return;
+            if (walker->has_grown && walker->stack.count > 0)
+                divide(walker);
         }
         /* Light of the last order goes on to where it lands. */
         if (ends || (walker->landings == NULL && has_last_order(walker)) || !survives(walker))
@@ -592,8 +624,10 @@ void photon_walk(const PhotonWalk *walk, uint64_t i, float *const *moments,
     if (!light_batch_start(walk->scene, photon.batch, photon.o, &start))
         return;
     const float rank = sample_fibonacci_rank(i - photon.batch->first, photon.batch->shift);
+    uint32_t parts = PARTS_OF_PHOTON_MAX;
     Walker walker = {.walk = walk,
                      .moments = moments,
+                     .parts = &parts,
                      .landings = rank < walk->landing_part ? landings : NULL,
                      .tally = tally,
                      .rank = rank,
