@@ -234,6 +234,24 @@ def test_a_glass_stands_on_a_table() -> None:
         np.testing.assert_allclose(image.pixels, 0.5, rtol=1e-6)
 
 
+def test_branches_behind_many_panes_stand_for_those_left_out() -> None:
+    """Under a target late branches of a noisy picture are followed by chance: the light is that of
+    all of them, and the noise is stated."""
+    panes = [slab(0.2 * i, 0.2 * i + 0.1, Medium(1.8, 0, 0)) for i in range(6)]
+    lamps = np.zeros((32, 64, 3), np.float32)
+    lamps[::4, ::4] = 16.0
+    scene = scene_of((world_image, (lamps,)), ABOVE, *panes)
+    settings = {"camera_bounces": 128, "effects": BACKGROUND | ffi.AMB_EFFECT_SURFACE_REFLECTION}
+    settings |= {"estimator": POINTS_COVARIANCE, "film_transparent": 0}
+    truth = render(scene, 16, "Surface", samples=128, **settings)
+    image = render(scene, 16, "Surface", accuracy=0.05, seed=1, **settings)
+    noise = [float(picture.report["accuracy"]["noise"]) for picture in (truth, image)]
+    ratio = image.pixels.astype(np.float64) / truth.pixels.astype(np.float64).mean()
+    assert ratio.mean() == pytest.approx(1.0, abs=4 * np.hypot(*noise) / 16)
+    difference = (image.pixels - truth.pixels).astype(np.float64) / truth.pixels.mean()
+    assert np.sqrt(np.mean(difference**2)) == pytest.approx(np.hypot(*noise), rel=0.3)
+
+
 # ---- Worlds ------------------------------------------------------------------------------------
 
 

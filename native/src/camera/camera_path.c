@@ -6,6 +6,9 @@
 #include "camera/shade.h"
 
 enum { DEPTH_MAX = 256 }; /* boundaries along one branch, a guard against endless paths */
+/* Boundaries from which on late_throughput holds: before, where all is that a path sees of a single
+ * object, a pixel's rays stay as even as their places in it. */
+enum { LATE_DEPTH = 6 };
 
 typedef struct Branch {
     Vec3 o, d;
@@ -150,18 +153,30 @@ static void see_surface(Walker *walker, const Branch *branch, Rgb radiance) {
     see_light(walker, branch, radiance, false);
 }
 
+/* With what chance a branch goes on behind a boundary: surely, if it is 1 or more. */
+static float survival(const Walker *walker, const Branch *from, const MediumStack *stack,
+                      Rgb throughput) {
+    const float strongest = rgb_max(grown(throughput, from->forward));
+    const float late = walker->params->late_throughput;
+    if (from->depth < LATE_DEPTH || !(late > 0.0f))
+        return strongest / WALKER_ROULETTE_THROUGHPUT;
+    /* Throughputs lack the square of the index, see follow_boundary: total reflection in glass is
+     * of no less worth than outside. */
+    const float ior = ior_of(walker->scene, stack);
+    return ior * ior * strongest / late;
+}
+
 static void follow(Walker *walker, Branch branch);
 
 static void follow_next(Walker *walker, const Branch *from, const SurfacePoint *surface, Vec3 d,
                         const MediumStack *stack, Rgb throughput, CameraWay way) {
     if (from->depth + 1 >= DEPTH_MAX)
         return;
-    const float strongest = rgb_max(grown(throughput, from->forward));
-    if (strongest < WALKER_ROULETTE_THROUGHPUT) {
-        const float survival = strongest / WALKER_ROULETTE_THROUGHPUT;
-        if (walker_random(walker) >= survival)
+    const float chance = survival(walker, from, stack, throughput);
+    if (chance < 1.0f) {
+        if (walker_random(walker) >= chance)
             return;
-        throughput = rgb_scale(throughput, 1.0f / survival);
+        throughput = rgb_scale(throughput, 1.0f / chance);
     }
     const Vec3 o = scene_leave(surface, d);
     follow(walker, (Branch){.o = o,

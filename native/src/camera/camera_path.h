@@ -38,6 +38,8 @@ typedef struct CameraParams {
     bool gathers_by_chance; /* along branches of little throughput */
     float reflected_chance; /* of each gather to look at light that was reflected inside, for as
                              * much more of it; 0: always, see FieldSegment */
+    float late_throughput;  /* below which branches behind many boundaries go on by chance; 0: below
+                             * WALKER_ROULETTE_THROUGHPUT, as all others */
     uint32_t order_max;     /* scatterings after which light is left out; 0: no limit */
     bool film_transparent;
     bool may_start_inside; /* a translucent object is near where camera rays begin */

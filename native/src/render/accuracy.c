@@ -29,6 +29,10 @@ static const double SPARE_USED = 0.9;
  * pixels. And samples to a noise go as this power of 1 / noise, of variances c n^-3/2. */
 static const double REFLECTED_NOISE = 0.1, REFLECTED_SPREAD = 2.0, REFLECTED_CHANCE_MIN = 0.125;
 static const double SAMPLES_ORDER = 4.0 / 3.0;
+/* See choose_late_throughput. The variance of a sample in an even world by branches lost below
+ * LATE_MOST, relative to the squared mean: 0.003 by balls in one another, 0.04 by a stack of panes.
+ */
+static const double LATE_NOISE = 0.1, LATE_VARIANCE = 0.04, LATE_MOST = 0.1, LATE_LEAST = 0.02;
 /* One sequence is more even than its halves tell: its error is about this part of theirs, 1 for
  * noise without order, 0.6 where n^-3/2 holds ([Owen97] for scrambled nets; measured in
  * docs/accuracy.md). */
@@ -125,6 +129,24 @@ static bool is_calm(Accuracy *accuracy, double out_targets[ACCURACY_SET_MAX]) {
     return is_calm;
 }
 
+/* Of each pixel on average, when the noise is that. */
+static double samples_to_noise(const Accuracy *accuracy, double noise_aim) {
+    const double fall = accuracy->sets[0].noise / noise_aim;
+    return accuracy->samples_mean * pow(fmax(fall, 1.0), SAMPLES_ORDER);
+}
+
+/* Walls within walls split a camera's path in a hundred branches of a few hundredths. Where other
+ * noise takes many samples anyway, few of the later branches need to be followed in each: as few as
+ * leave this part of the squared noise aimed at. */
+static void choose_late_throughput(AmbRender *render, double noise_aim) {
+    if (!(noise_aim > 0.0))
+        return;
+    const double samples = samples_to_noise(&render->accuracy, noise_aim);
+    const double room = LATE_NOISE * noise_aim * noise_aim * samples;
+    const double throughput = LATE_MOST * fmin(room / LATE_VARIANCE, 1.0);
+    render->plan.camera.late_throughput = throughput >= LATE_LEAST ? (float)throughput : 0.0f;
+}
+
 /* Where light that walls reflect is little of the picture, AUTO looks at it in a part of the
  * gathers: of what gathers take it may be most, and of the noise it is next to nothing. Each then
  * counts for 1/chance, which adds S^2 (1/chance - 1) to the squared noise of a sample, S being the
@@ -135,8 +157,7 @@ static void choose_reflected_chance(AmbRender *render, double noise_aim) {
     if (!render->plan.is_automatic || !effect->is_simulated || !effect->share.is_known ||
         render->plan.estimator != AMB_ESTIMATOR_TUBES || !(noise_aim > 0.0))
         return;
-    const double fall = accuracy->sets[0].noise / noise_aim;
-    const double samples = accuracy->samples_mean * pow(fmax(fall, 1.0), SAMPLES_ORDER);
+    const double samples = samples_to_noise(accuracy, noise_aim);
     const double room = REFLECTED_NOISE * noise_aim * noise_aim * samples;
     const double square = REFLECTED_SPREAD * effect->share.value * effect->share.value;
     render->plan.camera.reflected_chance =
@@ -162,6 +183,7 @@ static AmbStatus run_rounds(AmbRender *render, const Field *field, Survey *surve
         if (is_calm(accuracy, aims))
             break;
         choose_reflected_chance(render, aims[0]);
+        choose_late_throughput(render, aims[0]);
         /* The plan may find enough, or nearly, where the measure does not: then it aims lower. */
         do {
             for (uint32_t s = 0; s < accuracy->set_count; ++s)
