@@ -53,7 +53,9 @@ void test_run(const char *name, void (*function)(void)) {
     X(faults)                                                                                      \
     X(gather)                                                                                      \
     X(hard)                                                                                        \
-    X(optics) X(scatter) X(scene) X(specular) X(tangent) X(texture) X(tree_cut) X(tubes) X(world)
+    X(optics)                                                                                      \
+    X(scatter)                                                                                     \
+    X(scene) X(smooth_wall) X(specular) X(tangent) X(texture) X(tree_cut) X(tubes) X(world)
 
 #define DECLARE(name) void test_##name(void);
 MODULE_LIST(DECLARE)
