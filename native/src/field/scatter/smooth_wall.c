@@ -12,7 +12,8 @@
 #include "math/sampling.h"
 
 /* Cosine to the face up to which light is taken to be alike, in units of the cosine with which
- * light in the face's plane is mirrored: weights are below 6. */
+ * light in the face's plane is mirrored: weights are below 8 where the normals are less than 60
+ * degrees apart. */
 static const float GRAZING_PART = 0.75f;
 
 /* What of the light goes one way. */
