@@ -82,15 +82,10 @@ static Rgb grown(Rgb throughput, Rgb forward) {
     return rgb_mul(throughput, rgb(expf(forward.r), expf(forward.g), expf(forward.b)));
 }
 
-static float ior_of(const AmbScene *scene, const MediumStack *stack) {
-    const SceneMaterial *material = medium_stack_material(scene, stack);
-    return material != NULL ? material->ior : 1.0f;
-}
-
 /* Adds to what denoisers tell things from light by. Throughputs lack the square of the index of
  * the medium that they are in, see follow_boundary. */
 static void see_albedo(Walker *walker, const Branch *branch, Rgb albedo) {
-    const float ior = ior_of(walker->scene, &branch->stack);
+    const float ior = medium_stack_ior(walker->scene, &branch->stack);
     const Rgb seen = rgb_mul(rgb_scale(branch->throughput, ior * ior), albedo);
     walker->out->albedo = rgb_add(walker->out->albedo, seen);
 }
@@ -162,7 +157,7 @@ static float survival(const Walker *walker, const Branch *from, const MediumStac
         return strongest / WALKER_ROULETTE_THROUGHPUT;
     /* Throughputs lack the square of the index, see follow_boundary: total reflection in glass is
      * of no less worth than outside. */
-    const float ior = ior_of(walker->scene, stack);
+    const float ior = medium_stack_ior(walker->scene, stack);
     return ior * ior * strongest / late;
 }
 
@@ -379,7 +374,7 @@ static CameraSample sample_pixel(const AmbScene *scene, const Field *field,
                              .stack = stack});
     if (walker.clock.ledger != NULL)
         ledger_switch(&walker.clock, LEDGER_RAYS, UINT32_MAX);
-    const float ior = ior_of(scene, &stack);
+    const float ior = medium_stack_ior(scene, &stack);
     sample.albedo = rgb_scale(sample.albedo, 1.0f / (ior * ior));
     if (sample.depth != CAMERA_DEPTH_NONE)
         sample.depth = ray.depth_o + sample.depth * ray.cos_axis;

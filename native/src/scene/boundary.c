@@ -150,11 +150,6 @@ MediumStack scene_media_at(const AmbScene *scene, Vec3 p) {
     return stack;
 }
 
-static float stack_ior(const AmbScene *scene, const MediumStack *stack) {
-    const SceneMaterial *material = medium_stack_material(scene, stack);
-    return material != NULL ? material->ior : 1.0f;
-}
-
 static float adjoint_factor(Vec3 d, Vec3 wt, Vec3 ns, Vec3 ng) {
     const float above = fabsf(vec3_dot(d, ns) * vec3_dot(wt, ng));
     const float below = fabsf(vec3_dot(d, ng) * vec3_dot(wt, ns));
@@ -218,7 +213,7 @@ BoundaryCrossing boundary_cross(const AmbScene *scene, const MediumStack *stack,
         return crossing;
     crossing.surface = *choose_face(scene, &set, stack, &crossing.beyond);
     crossing.is_entering = vec3_dot(d, crossing.surface.ng) < 0.0f;
-    crossing.eta = stack_ior(scene, stack) / stack_ior(scene, &crossing.beyond);
+    crossing.eta = medium_stack_ior(scene, stack) / medium_stack_ior(scene, &crossing.beyond);
 
     const float side = crossing.is_entering ? 1.0f : -1.0f;
     const Vec3 ng = vec3_scale(crossing.surface.ng, side);

@@ -32,6 +32,12 @@ static inline const SceneMaterial *medium_stack_material(const AmbScene *scene,
     return &scene->materials[scene->objects[medium_stack_top(stack)].inside];
 }
 
+/* Index of refraction of that medium, 1 outside of everything. */
+static inline float medium_stack_ior(const AmbScene *scene, const MediumStack *stack) {
+    const SceneMaterial *material = medium_stack_material(scene, stack);
+    return material != NULL ? material->ior : 1.0f;
+}
+
 /* Media at a point, found by following a ray to the outside. */
 MediumStack scene_media_at(const AmbScene *scene, Vec3 p);
 

@@ -15,8 +15,9 @@ typedef struct WallTurn {
 /* Whether the face's own normal and that of the crossing, as it is shaded, are different. */
 bool smooth_wall_is_bent(const BoundaryCrossing *crossing);
 
-/* The adjoint of what camera paths do at a boundary (boundary_cross), for light along unit d that
- * is alike in all directions near the face's plane. u: in [0,1)^2. Pure. */
+/* The adjoint of what camera paths do at a boundary (boundary_cross; [Veach97] 5.3), for light
+ * along unit d that is alike in all directions near the face's plane. Fresnel's share is in the
+ * choice of the way, tints are not in the weight. u: in [0,1)^2. Pure. */
 WallTurn smooth_wall_turn(const BoundaryCrossing *crossing, Vec3 d, Sample2 u);
 
 #endif
